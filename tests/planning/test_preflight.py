@@ -1,0 +1,87 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning import ProgramError, SegmentKind, Severity, check, load_cell, plan
+
+
+def kinds(findings):
+    return {finding.kind for finding in findings}
+
+
+def test_a_sound_job_has_no_findings(program, cell, mix, rotary):
+    assert check(program, cell, mix, rotary) == []
+
+
+def test_a_bed_out_of_reach(rotary, cell, mix, settings):
+    far = cell.model_copy(update={"bed": cell.bed.model_copy(update={"origin": (1280.0, 0.0, -150.0)})})
+    program = plan(rotary, far, mix, settings)
+    findings = [f for f in check(program, far, mix, rotary) if f.kind == "reach"]
+    assert findings
+    for finding in findings:
+        assert finding.severity is Severity.ERROR
+        assert np.isnan(program.joints[finding.waypoint]).all()
+        assert finding.value > finding.limit
+        assert "move the part" in finding.remedy
+
+
+def test_joint_limits(rotary, cell, mix, settings):
+    stiff = cell.model_copy(
+        update={"robot": cell.robot.model_copy(update={"joint_limit_deg": (360.0, 30.0) + (360.0,) * 4})}
+    )
+    program = plan(rotary, stiff, mix, settings)
+    found = [f for f in check(program, stiff, mix, rotary) if f.kind == "joint limit"]
+    assert found
+    assert all(
+        abs(np.degrees(program.joints[f.waypoint, 1])) == pytest.approx(f.value, abs=0.01) for f in found
+    )
+    assert all(f.value > f.limit == 30.0 for f in found)
+
+
+def test_joint_speed(program, cell, mix, rotary):
+    hurried = replace(program, time=program.time / 200.0)
+    found = [f for f in check(hurried, cell, mix, rotary) if f.kind == "joint speed"]
+    assert found
+    i = found[0].waypoint
+    rate = np.degrees(
+        np.abs(hurried.joints[i] - hurried.joints[i - 1]) / (hurried.time[i] - hurried.time[i - 1])
+    )
+    assert found[0].value == pytest.approx(rate.max(), abs=0.1)
+
+
+def test_blend_overlap_names_the_waypoint(program, cell, mix, rotary):
+    first = next(s for s in program.segments if s.kind is SegmentKind.PRINT)
+    blend = program.blend.copy()
+    blend[first.start + 20] = 100.0
+    found = check(replace(program, blend=blend), cell, mix, rotary)
+    assert kinds(found) == {"blend overlap"}
+    assert found[0].waypoint in (first.start + 20, first.start + 21)
+
+
+def test_pump_range_both_ways(program, cell, mix, rotary):
+    top = float(program.flow.max())
+    for update in ({"flow_max": 0.5 * top}, {"flow_min": 2.0 * top}):
+        pump = cell.pump.model_copy(update=update)
+        found = check(program, cell.model_copy(update={"pump": pump}), mix, rotary)
+        assert kinds(found) == {"pump range"}
+
+
+def test_bed_and_nozzle_and_interval(program, cell, mix, rotary):
+    small = cell.model_copy(update={"bed": cell.bed.model_copy(update={"size": (60.0, 600.0)})})
+    assert kinds(check(program, small, mix, rotary)) == {"work volume"}
+    nozzle = cell.model_copy(update={"tool": cell.tool.model_copy(update={"width_min": 15.0})})
+    assert kinds(check(program, nozzle, mix, rotary)) == {"bead width"}
+    cold = check(program, cell, mix.model_copy(update={"layer_interval_max_s": 3.0}), rotary)
+    assert kinds(cold) == {"layer interval"}
+    assert {f.severity for f in cold} == {Severity.WARNING}
+
+
+def test_a_program_for_another_robot_is_refused(program, mix, rotary, cell):
+    other = cell.model_copy(update={"robot": cell.robot.model_copy(update={"model": "ur5e"})})
+    with pytest.raises(ProgramError, match="for a ur10e"):
+        check(program, other, mix, rotary)
+
+
+def test_the_shipped_cell_is_what_it_says():
+    assert load_cell("ur10e-demo").name == "ur10e-demo"

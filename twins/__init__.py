@@ -1,0 +1,38 @@
+"""The twin engine: surface ⇄ toolpath."""
+
+from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, TwinsError
+from .exchange import inputs_of, load_toolpath, save_surface, save_toolpath
+from .extrusion import bead_outlines, extrude
+from .planes import PlaneStack, custom_planes, layer_planes
+from .reconstruction import reconstruct
+from .slicing import slice_surface
+from .surface import check_surface, make_surface, read_surface, repair_surface, signed_volume
+from .toolpath import Curve, Layer, Plane, Toolpath
+
+__all__ = [
+    "Curve",
+    "FormatError",
+    "Layer",
+    "Plane",
+    "PlaneStack",
+    "PlanesError",
+    "SurfaceError",
+    "Toolpath",
+    "ToolpathError",
+    "TwinsError",
+    "bead_outlines",
+    "check_surface",
+    "custom_planes",
+    "extrude",
+    "inputs_of",
+    "layer_planes",
+    "load_toolpath",
+    "make_surface",
+    "read_surface",
+    "reconstruct",
+    "repair_surface",
+    "save_surface",
+    "save_toolpath",
+    "signed_volume",
+    "slice_surface",
+]

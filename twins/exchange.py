@@ -1,0 +1,136 @@
+"""The toolpath as JSON (`docs/toolpath-format.md`), and surfaces as PLY."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from .errors import FormatError, ToolpathError
+from .toolpath import Curve, Layer, Plane, Toolpath
+
+FORMAT = "twincell-toolpath"
+VERSION = 1
+
+
+def toolpath_as_dict(toolpath: Toolpath) -> dict[str, Any]:
+    """The toolpath as JSON values."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "unit": "mm",
+        "thickness": toolpath.thickness,
+        "base": _plane_as_dict(toolpath.base),
+        "layers": [
+            {
+                "slicing": _plane_as_dict(layer.slicing),
+                "nozzle": _plane_as_dict(layer.nozzle),
+                "curves": [_curve_as_dict(curve) for curve in layer.curves],
+            }
+            for layer in toolpath.layers
+        ],
+    }
+
+
+def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
+    """The toolpath that JSON values describe.
+
+    Raises:
+        FormatError: another format or version, or a key that is missing or wrong; names the layer and curve.
+    """
+    if not isinstance(values, dict) or values.get("format") != FORMAT:
+        raise FormatError(f"{where}: not a {FORMAT} file")
+    if values.get("version") != VERSION:
+        raise FormatError(
+            f"{where}: version {values.get('version')!r} is not readable here; this is version {VERSION}"
+        )
+    place = where
+    try:
+        base = _plane(values["base"])
+        layers = []
+        for i, entry in enumerate(values["layers"]):
+            place = f"{where}: layer {i}"
+            slicing, nozzle = _plane(entry["slicing"]), _plane(entry["nozzle"])
+            curves = []
+            for j, curve in enumerate(entry["curves"]):
+                place = f"{where}: layer {i}, curve {j}"
+                curves.append(Curve(curve["points"], bool(curve.get("closed", True)), curve.get("width")))
+            layers.append(Layer(slicing, nozzle, tuple(curves)))
+        place = where
+        return Toolpath(base, tuple(layers), float(values["thickness"]))
+    except KeyError as error:
+        raise FormatError(f"{place}: key {error} is missing") from None
+    except (TypeError, ValueError, AttributeError, ToolpathError) as error:
+        raise FormatError(f"{place}: {error}") from None
+
+
+def save_toolpath(toolpath: Toolpath, path: Path, inputs: Mapping[str, str] | None = None) -> None:
+    """Write a toolpath, with the SHA-256 of what it was made from; the file appears whole or not at all."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(
+        json.dumps({**toolpath_as_dict(toolpath), "inputs": dict(inputs or {})}, separators=(",", ":")),
+        encoding="utf-8",
+    )
+    partial.replace(path)
+
+
+def load_toolpath(path: Path) -> Toolpath:
+    """Read a toolpath written by `save_toolpath`.
+
+    Raises:
+        FormatError: the file is missing, no JSON, or not a toolpath.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such file") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise FormatError(f"{path}: cannot be read as JSON: {error}") from None
+    return toolpath_from_dict(values, str(path))
+
+
+def inputs_of(path: Path) -> dict[str, str]:
+    """The SHA-256 of what a toolpath file was made from, by name; empty where it does not say or cannot be read."""
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        return {str(name): str(value) for name, value in values.get("inputs", {}).items()}
+    except (OSError, ValueError, AttributeError):
+        return {}
+
+
+def save_surface(surface: trimesh.Trimesh, path: Path, comments: Sequence[str] = ()) -> None:
+    """Write a surface as PLY with double precision; the file appears whole or not at all."""
+    vertices = np.asarray(surface.vertices, dtype="<f8")
+    faces = np.asarray(surface.faces)
+    rows = np.zeros(len(faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
+    rows["count"] = 3
+    rows["corners"] = faces
+    said = [f"comment {' '.join(comment.split())}\n" for comment in comments]
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment unit mm\n"
+        f"{''.join(said)}"
+        f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(header.encode("ascii", "replace") + vertices.tobytes() + rows.tobytes())
+    partial.replace(path)
+
+
+def _plane_as_dict(plane: Plane) -> dict[str, list[float]]:
+    return {"origin": plane.origin.tolist(), "x_axis": plane.x_axis.tolist(), "y_axis": plane.y_axis.tolist()}
+
+
+def _plane(values: dict[str, Any]) -> Plane:
+    return Plane(values["origin"], values["x_axis"], values["y_axis"])
+
+
+def _curve_as_dict(curve: Curve) -> dict[str, Any]:
+    entry: dict[str, Any] = {"closed": curve.closed, "points": curve.points.tolist()}
+    if curve.width is not None:
+        entry["width"] = curve.width.tolist()
+    return entry
