@@ -137,6 +137,8 @@ def load_cell(name: str, beside: Path | None = None) -> Cell:
     try:
         arm(cell.robot.model)
         _ = cell.bed.plane
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: [robot] model: {error}") from error
     except TwinsError as error:
         raise ConfigurationError(f"{path}: [bed]: {error}") from error
     return cell

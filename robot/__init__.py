@@ -1,1 +1,32 @@
-"""Still empty."""
+"""The cell at run time: arm, pump, printer, journal, simulators."""
+
+from .errors import (
+    ArmError,
+    CellUnreachable,
+    JournalError,
+    PortTakenError,
+    PumpError,
+    RobotError,
+    StoppedError,
+)
+from .evaluation import Evaluation, evaluate
+from .journal import Journal, read_events, read_samples
+from .printer import Progress, RunResult, run
+
+__all__ = [
+    "ArmError",
+    "CellUnreachable",
+    "Evaluation",
+    "Journal",
+    "JournalError",
+    "PortTakenError",
+    "Progress",
+    "PumpError",
+    "RobotError",
+    "RunResult",
+    "StoppedError",
+    "evaluate",
+    "read_events",
+    "read_samples",
+    "run",
+]

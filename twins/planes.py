@@ -139,16 +139,16 @@ def _rotary(bed: Plane, top: Plane, thickness: float) -> PlaneStack:
     distance = float(top.normal @ (top.origin - bed.origin)) / float(top.normal @ across)
     point = bed.origin + distance * across
     radius = abs(distance)
-    if radius < thickness / angle:
-        raise PlanesError(
-            f"the bed and the top plane meet {radius:.6g} mm from the bed's origin, too near for a layer of "
-            f"{thickness:.6g} mm; move the top plane up, or tilt it less"
-        )
     lift = float(np.cross(direction, bed.origin - point) @ bed.normal)
     if lift < 0:
         raise PlanesError(
             f"the top plane is below the bed at the bed's origin: they meet {radius:.6g} mm from it and the top plane "
             "falls from there; move the top plane up, or tilt it the other way"
+        )
+    if radius < thickness / angle:
+        raise PlanesError(
+            f"the bed and the top plane meet {radius:.6g} mm from the bed's origin, too near for a layer of "
+            f"{thickness:.6g} mm; move the top plane up, or tilt it less"
         )
     count = layer_count(radius * angle, thickness)
 

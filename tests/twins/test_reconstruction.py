@@ -118,7 +118,7 @@ def curve_stacks(draw):
         curves = []
         for cx in draw(st.lists(st.sampled_from([-60.0, 0.0, 60.0]), max_size=3, unique=True)):
             n = draw(st.integers(6, 25))
-            size = draw(st.floats(3.0, 28.0))
+            size = draw(st.floats(3.0, 22.0))
             wave = draw(st.floats(0.0, 0.3))
             angle = 2 * np.pi * np.arange(n) / n
             radius = size * (1 + wave * np.cos(3 * angle))

@@ -1,0 +1,96 @@
+"""The simulated cell's processes: they start together, tell why they cannot, and never outlive their parent."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from planning import ConfigurationError
+from robot.errors import CellUnreachable, PortTakenError, RobotError
+from robot.simulation import Fault, SimulatedCell, inject
+
+HOST = "127.0.0.23"
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_both_processes_share_a_clock_and_end_with_the_cell() -> None:
+    with SimulatedCell.start("ur10e-demo", host=HOST, time_scale=10.0) as cell:
+        ids = cell.process_ids
+        assert set(ids) == {"controller", "pump"}
+        assert cell.inject(Fault.PUMP_REPORT)["volume"] == 0.0
+        for _ in range(2):
+            told = cell.inject(Fault.PUMP_REPORT)
+            assert told["time"] == pytest.approx((told["wall"] - cell.epoch) * 10.0, abs=0.05)
+            time.sleep(0.1)
+        with pytest.raises(RobotError, match="'speed slider' refused: KeyError"):
+            cell.inject(Fault.SPEED_SLIDER)
+    assert not any(alive(pid) for pid in ids.values())
+    with pytest.raises(CellUnreachable, match=r"port 30099 does not answer 'protective stop'"):
+        inject(HOST, Fault.PROTECTIVE_STOP, timeout=0.1)
+
+
+def test_a_taken_port_is_told_in_one_sentence() -> None:
+    with socket.create_server((HOST, 30004)), pytest.raises(PortTakenError) as caught:
+        SimulatedCell.start("ur10e-demo", host=HOST)
+    assert f"port 30004 on {HOST} is taken; " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_simulator_alone_tells_of_a_taken_port_and_fails() -> None:
+    with socket.create_server((HOST, 5020)):
+        done = subprocess.run(
+            [sys.executable, "-m", "robot.simulation.pump", "--cell", "ur10e-demo", "--host", HOST],
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert done.stderr.startswith(f"pump: port 5020 on {HOST} is taken; ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_unknown_cell_is_answered_with_those_that_exist() -> None:
+    with pytest.raises(ConfigurationError, match=r"no-such-cell.*ur10e-demo"):
+        SimulatedCell.start("no-such-cell", host=HOST)
+
+
+def test_the_simulators_die_with_a_killed_parent() -> None:
+    program = (
+        "import sys, time\nfrom robot.simulation import SimulatedCell\n"
+        f"cell = SimulatedCell.start('ur10e-demo', host='{HOST}')\n"
+        "print(*cell.process_ids.values(), flush=True)\ntime.sleep(60)\n"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    try:
+        assert parent.stdout is not None
+        ids = [int(pid) for pid in parent.stdout.readline().split()]
+        assert len(ids) == 2
+        assert all(alive(pid) for pid in ids)
+    finally:
+        os.kill(parent.pid, signal.SIGKILL)
+        parent.wait()
+        parent.stdout.close()
+    deadline = time.monotonic() + 3.0
+    while any(alive(pid) for pid in ids):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_time_scale_of_nothing_is_refused() -> None:
+    with pytest.raises(CellUnreachable, match="must be above 0, not 0"):
+        SimulatedCell.start("ur10e-demo", host=HOST, time_scale=0.0)

@@ -1,0 +1,77 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from shapes import manifold_faults, torus
+
+from planning import Program
+from twins import load_toolpath
+
+
+@pytest.fixture
+def part(tmp_path):
+    path = tmp_path / "torus.stl"
+    mesh = torus(R=60.0, r=25.0)
+    trimesh.Trimesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).export(path)
+    return path
+
+
+def test_new_plan_check(tmp_path, part, twincell):
+    job = tmp_path / "job"
+    assert twincell("new", part, "-o", job)[0] == 0
+    code, out, err = twincell("plan", job, "--json")
+    assert (code, err) == (0, "")
+    planned = json.loads(out)
+    assert planned["findings"] == []
+    assert twincell("check", job)[0] == 0
+    summary = json.loads((job / "report" / "summary.json").read_text())
+    program = Program.load(job / "program.npz")
+    assert summary["layers"] == len(load_toolpath(job / "toolpath.json").layers) == 5
+    assert summary["bead_volume_l"] == pytest.approx(program.bead_volume * 1e-6, abs=1e-6)
+    assert summary["volume_of_m_prime_l"] == pytest.approx(summary["bead_volume_l"], rel=0.05)
+    for name in ("surface.ply", "volume.ply"):
+        assert manifold_faults(trimesh.load(job / name, process=False)) == (0, 0)
+    for picture in ("layers", "height_and_flow", "joints"):
+        assert (job / "report" / f"{picture}.png").stat().st_size > 10_000
+
+
+def test_units_size_and_up_axis(tmp_path, part, twincell):
+    assert twincell("new", part, "-o", tmp_path / "a", "--units", "in", "--longest", 120, "--up", "x")[0] == 0
+    mesh = trimesh.load(tmp_path / "a" / "part.ply", process=False)
+    size = np.ptp(np.asarray(mesh.vertices), axis=0)
+    # The torus lies in the file, 170 × 170 × 50; with x up its flat axis z lies along the bed's y.
+    assert size == pytest.approx([120.0, 120.0 * 50 / 170, 120.0], rel=1e-3)
+    assert np.asarray(mesh.vertices)[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert mesh.volume > 0
+
+
+def test_reconstruct_writes_the_surface(tmp_path, part, twincell):
+    twincell("new", part, "-o", tmp_path / "job")
+    assert twincell("slice", tmp_path / "job")[0] == 0
+    out = tmp_path / "m.ply"
+    assert twincell("reconstruct", tmp_path / "job" / "toolpath.json", "-o", out)[0] == 0
+    assert out.read_bytes()[:3] == b"ply"
+    assert manifold_faults(trimesh.load(out, process=False)) == (0, 0)
+
+
+def test_a_stale_program_is_noticed(tmp_path, part, twincell, one_sentence):
+    job = tmp_path / "job"
+    twincell("new", part, "-o", job)
+    twincell("plan", job)
+    settings = job / "job.toml"
+    settings.write_text(settings.read_text().replace("speed = 80.0", "speed = 60.0"))
+    one_sentence(twincell("check", job), "print", "plan again")
+    assert twincell("plan", job)[0] == 0
+    assert twincell("check", job)[0] == 0
+
+
+def test_a_failed_stage_leaves_the_job_as_it_was(tmp_path, part, twincell, one_sentence):
+    job = tmp_path / "job"
+    twincell("new", part, "-o", job)
+    twincell("plan", job)
+    before = {p.name: p.read_bytes() for p in job.iterdir() if p.is_file() and p.name != "job.toml"}
+    settings = job / "job.toml"
+    settings.write_text(settings.read_text().replace("# height = 300.0", "height = 20.0 #"))
+    one_sentence(twincell("plan", job), "part.ply", "above the top plane")
+    assert {p.name: p.read_bytes() for p in job.iterdir() if p.is_file() and p.name != "job.toml"} == before

@@ -1,0 +1,5 @@
+"""`python -m twincell`."""
+
+from .cli import main
+
+main()

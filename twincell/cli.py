@@ -1,0 +1,226 @@
+"""The command line.
+
+Exit codes: 0 done, 1 refused or failed with a reason on stderr, 2 usage.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from analysis import AnalysisError
+from planning import Finding, PlanningError, Severity, load_cell
+from robot import RobotError
+from twins import TwinsError, load_toolpath, read_surface, reconstruct, save_surface
+
+from .demo import demo as run_demo
+from .errors import JobError
+from .job import load_job
+from .new import new_job
+from .printing import print_job, simulate_cell
+from .report import draw, summarise, write_summary
+from .stages import plan_job, planned, slice_job
+from .structural import fea_job
+
+app = typer.Typer(
+    help="Controller for robot cells that print concrete.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+console = Console()
+errors = Console(stderr=True)
+
+EXPECTED = (TwinsError, PlanningError, RobotError, AnalysisError, JobError)
+
+
+class Units(StrEnum):
+    """Units of a part file."""
+
+    MM = "mm"
+    M = "m"
+    IN = "in"
+
+
+class Up(StrEnum):
+    """Axis of a part file that points up."""
+
+    X = "x"
+    Y = "y"
+    Z = "z"
+
+
+JobFolder = Annotated[Path, typer.Argument(metavar="JOB", help="the job folder")]
+Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
+TimeScale = Annotated[
+    float, typer.Option(min=0.1, max=50.0, help="how much faster than real time a simulated cell runs")
+]
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="folder of the demo's job")] = Path("out/demo"),
+    time_scale: TimeScale = 8.0,
+) -> None:
+    """Do the whole main job on a vault springer: slice, plan, check, print on a simulated cell, export for FEA."""
+    run_demo(out, time_scale, console)
+
+
+@app.command()
+def new(
+    part: Annotated[Path, typer.Argument(help="STL, PLY, OBJ or 3MF")],
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="JOB", help="the job folder to make")],
+    cell: Annotated[
+        str, typer.Option("--cell", help="a shipped cell or the path of a cell file")
+    ] = "ur10e-demo",
+    mix: Annotated[
+        str, typer.Option("--mix", help="a shipped mix or the path of a mix file")
+    ] = "fresh-mortar",
+    units: Annotated[Units, typer.Option(help="unit of the part file")] = Units.MM,
+    longest: Annotated[
+        float | None, typer.Option(metavar="MM", help="scale the longest side to this")
+    ] = None,
+    up: Annotated[Up, typer.Option(help="axis of the file that points up")] = Up.Z,
+    thickness: Annotated[float, typer.Option(min=0.1, help="layer thickness, mm")] = 10.0,
+    width: Annotated[float, typer.Option(min=0.1, help="bead width, mm")] = 20.0,
+    speed: Annotated[float, typer.Option(min=0.1, help="print speed, mm/s")] = 80.0,
+) -> None:
+    """Make a job folder with a commented job.toml from a part file."""
+    said = new_job(
+        part, out, cell=cell, mix=mix, units=units.value, longest=longest, up=up.value,
+        thickness=thickness, width=width, speed=speed,
+    )  # fmt: skip
+    for sentence in said:
+        console.print(f"repaired: {sentence}", highlight=False)
+    console.print(f"made {out / 'job.toml'}; next: twincell plan {out}", highlight=False)
+
+
+@app.command("slice")
+def slice_(job: JobFolder, as_json: Json = False) -> None:
+    """Slice the job's part into a toolpath, with its twin surface M and the printed volume M'."""
+    made = slice_job(load_job(job))
+    curves = sum(len(layer.curves) for layer in made.toolpath.layers)
+    _result(
+        {
+            "layers": len(made.toolpath.layers),
+            "curves": curves,
+            "thickness_mm": round(made.toolpath.thickness, 6),
+            "path_length_m": round(made.toolpath.length / 1000.0, 4),
+        },
+        as_json,
+    )
+
+
+@app.command("reconstruct")
+def reconstruct_(
+    toolpath: Annotated[Path, typer.Argument(help="a toolpath.json")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="the PLY file to write")] = Path("surface.ply"),
+) -> None:
+    """Turn a toolpath back into its surface M."""
+    try:
+        surface = reconstruct(load_toolpath(toolpath))
+    except TwinsError as error:
+        text = str(error)
+        raise type(error)(text if text.startswith(str(toolpath)) else f"{toolpath}: {text}") from None
+    save_surface(surface, out)
+    console.print(f"wrote {out}: {len(surface.faces)} triangles", highlight=False)
+
+
+@app.command("plan")
+def plan_(job: JobFolder, as_json: Json = False) -> None:
+    """Plan the job into waypoints with pump flow; slices it first where that is missing or stale."""
+    loaded = load_job(job)
+    program, toolpath, findings = plan_job(loaded)
+    summary = summarise(program, toolpath, read_surface(loaded.volume), findings)
+    write_summary(loaded.report, summary)
+    draw(loaded.report, program, loaded.cell)
+    keys = ("layers", "path_length_m", "bead_volume_l", "print_time_s", "starts", "waypoints")
+    _result({key: summary[key] for key in keys}, as_json, findings)
+
+
+@app.command("check")
+def check_(job: JobFolder, as_json: Json = False) -> None:
+    """Say what would go wrong if the job's program were printed."""
+    from planning import check  # noqa: PLC0415 - the command's own name is the same
+
+    loaded = load_job(job)
+    program, toolpath = planned(loaded)
+    _result({"waypoints": len(program)}, as_json, check(program, loaded.cell, loaded.mix, toolpath))
+
+
+@app.command("run")
+def run_(
+    job: JobFolder,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="print on a simulated cell started for it")
+    ] = False,
+    dry: Annotated[bool, typer.Option("--dry", help="move without pumping")] = False,
+    time_scale: TimeScale = 1.0,
+    as_json: Json = False,
+) -> None:
+    """Print the job on its cell."""
+    result = print_job(
+        load_job(job), errors if as_json else console, simulate=simulate, dry=dry, time_scale=time_scale
+    )
+    _result(result, as_json)
+
+
+@app.command("simulate")
+def simulate_(
+    cell: Annotated[
+        str, typer.Option("--cell", help="a shipped cell or the path of a cell file")
+    ] = "ur10e-demo",
+    host: Annotated[str | None, typer.Option(help="loopback address; default: as the cell file says")] = None,
+    time_scale: TimeScale = 1.0,
+) -> None:
+    """Start a simulated UR controller and a simulated pump; Ctrl-C ends them."""
+    load_cell(cell)
+    simulate_cell(cell, host, time_scale, console)
+
+
+@app.command("fea")
+def fea_(job: JobFolder, as_json: Json = False) -> None:
+    """Mesh the printed volume, export it by layers, and solve it under its own weight."""
+    _result(fea_job(load_job(job), errors if as_json else console), as_json)
+
+
+def _result(values: dict[str, Any], as_json: bool, findings: list[Finding] | None = None) -> None:
+    """Show a result; exit 1 if a finding keeps the job from running."""
+    if as_json:
+        extra = {} if findings is None else {"findings": [finding.as_dict() for finding in findings]}
+        sys.stdout.write(json.dumps({**values, **extra}) + "\n")
+    else:
+        for key, value in values.items():
+            console.print(f"{key:24} {value}", highlight=False)
+        for finding in findings or []:
+            console.print(
+                str(finding), style="red" if finding.severity is Severity.ERROR else "yellow", highlight=False
+            )
+        if findings is not None and not findings:
+            console.print("no findings", highlight=False)
+    if any(finding.severity is Severity.ERROR for finding in findings or []):
+        raise typer.Exit(1)
+
+
+def main() -> None:
+    """Run the command line; expected errors are one sentence on stderr and exit code 1."""
+    try:
+        app()
+    except KeyboardInterrupt:
+        errors.print("stopped by Ctrl-C", highlight=False)
+        raise SystemExit(1) from None
+    except EXPECTED as error:
+        errors.print(str(error), style="red", highlight=False, markup=False, soft_wrap=True)
+        raise SystemExit(1) from None
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        errors.print(
+            f"{where}{error.strerror or error}", style="red", highlight=False, markup=False, soft_wrap=True
+        )
+        raise SystemExit(1) from None

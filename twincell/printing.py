@@ -1,0 +1,102 @@
+"""Printing a job: on its cell, or on a simulated one."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+import robot
+from planning import check
+from robot.simulation import SimulatedCell
+
+from .job import Job
+from .report import write_summary
+from .stages import planned, refuse
+
+
+def print_job(
+    job: Job, console: Console, *, simulate: bool = False, dry: bool = False, time_scale: float = 1.0
+) -> dict[str, Any]:
+    """Print a planned job and journal it.
+
+    Args:
+        job: with an up-to-date program.
+        console: for the progress bar.
+        simulate: start a simulated cell at the addresses of the cell file, and end it afterwards.
+        dry: move without pumping.
+        time_scale: of the simulated cell.
+
+    Returns:
+        what was measured; also merged into `summary.json`.
+
+    Raises:
+        JobError: the program is stale or has findings that keep it from running.
+        RobotError: the cell does not answer, or the print was stopped.
+    """
+    program, toolpath = planned(job)
+    refuse(check(program, job.cell, job.mix, toolpath))
+    if dry:
+        program = replace(program, flow=np.zeros(len(program)))
+    with contextlib.ExitStack() as stack:
+        if simulate:
+            stack.enter_context(SimulatedCell.start(job.cell_file, time_scale=time_scale))
+        show = stack.enter_context(_progress(console))
+        result = robot.run(program, job.cell, job.journal, progress=show)
+    values = {
+        "run_duration_s": round(result.duration, 2),
+        "deposited_volume_l": round(result.deposited_volume * 1e-6, 6),
+        "travel_volume_l": round(result.travel_volume * 1e-6, 6),
+        "worst_deviation_mm": round(result.worst_deviation, 4),
+        "waypoints_passed": round(result.passed, 4),
+    }
+    write_summary(job.report, values)
+    return values
+
+
+def simulate_cell(cell: str, host: str | None, time_scale: float, console: Console) -> None:
+    """Keep a simulated cell running until Ctrl-C."""
+    with SimulatedCell.start(cell, time_scale=time_scale, host=host) as simulated:
+        console.print(
+            f"simulated cell at {simulated.host}: robot on 30004 (RTDE), 29999, 30001 to 30003; "
+            f"pump on {simulated.pump_port}; time scale {time_scale:g}; Ctrl-C ends it",
+            highlight=False,
+        )
+        ended = threading.Event()
+        signal.signal(signal.SIGTERM, lambda *_: ended.set())
+        with contextlib.suppress(KeyboardInterrupt):
+            while not ended.wait(0.5):
+                simulated.check()
+
+
+@contextlib.contextmanager
+def _progress(console: Console) -> Iterator[Any]:
+    """A progress bar with layer, time left and flow."""
+    columns = (
+        TextColumn("printing"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.fields[layer]}"),
+        TextColumn("{task.fields[left]}"),
+        TextColumn("{task.fields[flow]}"),
+    )
+    with Progress(*columns, console=console, transient=False) as bar:
+        task = bar.add_task("printing", total=1.0, layer="", left="", flow="")
+
+        def show(state: robot.Progress) -> None:
+            bar.update(
+                task,
+                completed=state.fraction,
+                layer=f"layer {state.layer}/{state.layers}",
+                left=f"{state.time_left_s:.0f} s left",
+                flow=f"{state.flow:.0f} mm³/s",
+            )
+
+        yield show
