@@ -18,13 +18,12 @@ from twins import Curve
 Array = npt.NDArray[np.float64]
 
 START_LAGS = 2.0
-"""Time of the start ramp, in lags."""
+"""Shortest time of the start ramp, in lags; longer where the pump has little head room for 1 + 1 / START_LAGS."""
+
+MOST_START_LAGS = 10.0
 
 END_LAGS = 1.1
 """Time constant of the end ramp, in lags."""
-
-SHORTEST_LAG = 1e-3
-"""A pump with a shorter lag follows any speed: no ramps, s."""
 
 _START_STEPS = 10
 _END_RATIO = 0.75
@@ -66,18 +65,28 @@ class Ramp:
     end: float
 
     @classmethod
-    def along(cls, length: float, speed: float, end_speed: float, lag: float) -> Ramp:
+    def along(
+        cls,
+        length: float,
+        speed: float,
+        end_speed: float,
+        lag: float,
+        acceleration: float = np.inf,
+        head_room: float = np.inf,
+    ) -> Ramp:
         """The ramp of a bead; where it is too short for its speed, the cruising speed is lowered.
 
         Args:
             length: of the bead, mm.
             speed: wanted, mm/s.
             end_speed: share of `speed` at the end.
-            lag: the pump's time constant T, s; below 1 ms there are no ramps.
+            lag: the pump's time constant T, s.
+            acceleration: the robot's, mm/s²; no ramp is steeper.
+            head_room: the pump's largest flow over the bead's.
         """
-        if lag < SHORTEST_LAG:
-            return cls(length, np.inf, 0.0, speed, speed)
-        acceleration, decay, end = speed / (START_LAGS * lag), END_LAGS * lag, end_speed * speed
+        lags = float(np.clip(1.0 / max(head_room - 1.0, 1e-9), START_LAGS, MOST_START_LAGS))
+        acceleration = min(acceleration, speed / max(lags * lag, 1e-9))
+        decay, end = max(END_LAGS * lag, speed / acceleration), end_speed * speed
         # Start ramp v²/2a plus end ramp (v - e) d must fit into the length.
         b = decay * acceleration
         fitting = -b + np.sqrt(b * b + 2.0 * acceleration * (length + end * decay))
@@ -86,17 +95,13 @@ class Ramp:
 
     def speed_at(self, place: Array) -> Array:
         """Speed at arc lengths `place`, shape (n,), mm/s."""
-        speed = np.full(len(place), self.cruise)
-        if np.isfinite(self.acceleration):
-            speed = np.minimum(speed, np.sqrt(2.0 * self.acceleration * np.maximum(place, 0.0)))
-        if self.decay > 0.0:
-            speed = np.minimum(speed, self.end + np.maximum(self.length - place, 0.0) / self.decay)
+        rising = np.sqrt(2.0 * self.acceleration * np.maximum(place, 0.0))
+        falling = self.end + np.maximum(self.length - place, 0.0) / self.decay
+        speed = np.minimum(np.minimum(rising, falling), self.cruise)
         return np.asarray(speed, dtype=np.float64)
 
     def places(self) -> Array:
         """Arc lengths where waypoints follow the ramps, ascending."""
-        if self.decay <= 0.0:
-            return np.zeros(0)
         rising = self.cruise * np.arange(1, _START_STEPS + 1) / _START_STEPS
         steps = (
             max(1, int(np.ceil(np.log(self.end / self.cruise) / np.log(_END_RATIO))))
@@ -110,7 +115,16 @@ class Ramp:
         return places
 
 
-def drive(curve: Curve, start: int, width: float, speed: float, end_speed: float, lag: float) -> Bead:
+def drive(
+    curve: Curve,
+    start: int,
+    width: float,
+    speed: float,
+    end_speed: float,
+    lag: float,
+    acceleration: float = np.inf,
+    head_room: float = np.inf,
+) -> Bead:
     """The waypoints of a curve.
 
     Args:
@@ -120,6 +134,8 @@ def drive(curve: Curve, start: int, width: float, speed: float, end_speed: float
         speed: TCP speed between the ramps, mm/s.
         end_speed: share of `speed` at the end.
         lag: the pump's time constant, s.
+        acceleration: the robot's, mm/s².
+        head_room: the pump's largest flow over the bead's.
     """
     widths = np.full(len(curve.points), float(width)) if curve.width is None else np.asarray(curve.width)
     if curve.closed:
@@ -128,7 +144,7 @@ def drive(curve: Curve, start: int, width: float, speed: float, end_speed: float
         order = np.arange(len(widths)) if start == 0 else np.arange(len(widths))[::-1]
     points, widths = curve.points[order], widths[order]
     place = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]
-    ramp = Ramp.along(float(place[-1]), speed, end_speed, lag)
+    ramp = Ramp.along(float(place[-1]), speed, end_speed, lag, acceleration, head_room)
     extra = ramp.places()
     extra = extra[(extra > _NEAR) & (extra < place[-1] - _NEAR)]
     gap = np.abs(extra[:, None] - place).min(axis=1) if len(extra) else extra

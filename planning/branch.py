@@ -45,6 +45,25 @@ def continuous_branch(arm: Arm, flange: Array, home: Array, limit: Array) -> Arr
     return best[1] if best else np.full((len(flange), 6), np.nan)
 
 
+def branch_from(arm: Arm, flange: Array, start: Array) -> Array:
+    """Joint angles along a path, in the posture that the arm is in where the path begins.
+
+    Args:
+        arm: the robot model.
+        flange: flange poses, shape (n, 4, 4), mm, base frame.
+        start: joint angles that reach the first of them, shape (6,), rad.
+
+    Returns:
+        shape (n, 6), rad; NaN where that posture does not reach the pose.
+    """
+    solutions = arm.inverse(flange)
+    away = np.abs(np.mod(solutions[0] - start + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
+    joints = np.vstack([start, solutions[:, int(np.nanargmin(away))]])
+    reached = ~np.isnan(joints).any(axis=1)
+    joints[reached] = np.unwrap(joints[reached], axis=0)
+    return joints[1:]
+
+
 def _unwound(joints: Array, home: Array, limit: Array) -> Array:
     """Joint angles without jumps of whole turns, the whole path shifted as near to home as its limits allow."""
     joints = joints.copy()

@@ -98,7 +98,7 @@ class Pump(Table):
 
     Attributes:
         host, port: Modbus TCP address.
-        registers: the register map, a name in `configs/pumps` or a path.
+        registers: the register map, a shipped name, or a path beside the cell file.
         dead_time_s: from a command until the flow at the nozzle begins to answer, s.
         lag_s: time constant of the first-order answer, s.
         flow_max: largest flow, mm³/s.
@@ -113,7 +113,7 @@ class Pump(Table):
     lag_s: NotNegative = 0.2
     flow_max: Positive
     flow_min: NotNegative = 0.0
-    period_s: Positive = 0.02
+    period_s: Annotated[float, Field(gt=0, le=0.1)] = 0.02
 
 
 class Cell(Table):
@@ -141,4 +141,10 @@ def load_cell(name: str, beside: Path | None = None) -> Cell:
         raise ConfigurationError(f"{path}: [robot] model: {error}") from error
     except TwinsError as error:
         raise ConfigurationError(f"{path}: [bed]: {error}") from error
+    beside_cell = [path.parent / cell.pump.registers, path.parent / f"{cell.pump.registers}.toml"]
+    found = next((file for file in beside_cell if file.is_file()), None)
+    if found is not None:
+        return cell.model_copy(
+            update={"pump": cell.pump.model_copy(update={"registers": str(found.resolve())})}
+        )
     return cell

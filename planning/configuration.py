@@ -7,6 +7,7 @@ package. A misspelt or missing key is answered with the keys that exist.
 from __future__ import annotations
 
 import difflib
+import json
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -78,7 +79,8 @@ def parse_table(model: type[T], values: dict[str, Any], where: str) -> T:
         ConfigurationError: one sentence for the first mistake, with the keys that exist.
     """
     try:
-        return model.model_validate(values)
+        # As JSON, because strict JSON knows arrays for tuples and integers for floats, and nothing looser.
+        return model.model_validate_json(json.dumps(values, default=str), strict=True)
     except ValidationError as error:
         raise ConfigurationError(f"{where}: {_explain(model, error)}") from error
 

@@ -20,7 +20,6 @@ class Mix(Table):
         density_kg_m3: of the fresh mix.
         youngs_modulus: of the fresh mix, N/mm² (MPa).
         poisson: Poisson's ratio.
-        overhang_max: largest local overhang by ground, displacement per layer height.
         layer_interval_min_s, layer_interval_max_s: between neighbouring layers: strength and cold joint, s.
         open_time_s: from mixing until it must have left the nozzle, s.
     """
@@ -29,7 +28,6 @@ class Mix(Table):
     density_kg_m3: Positive
     youngs_modulus: Positive
     poisson: Annotated[float, Field(ge=0, lt=0.5)]
-    overhang_max: Positive
     layer_interval_min_s: Annotated[float, Field(ge=0)] = 0.0
     layer_interval_max_s: Positive
     open_time_s: Positive

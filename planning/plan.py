@@ -135,7 +135,19 @@ def _add_curve(
 ) -> None:
     layer = toolpath.layers[stop.layer]
     curve = layer.curves[stop.curve]
-    bead = drive(curve, stop.start, settings.width, speed, settings.end_speed, cell.pump.lag_s)
+    thickest = float(toolpath.floor_of(stop.layer).height_of(layer.nozzle.to_world(curve.points)).max())
+    widest = settings.width if curve.width is None else float(curve.width.max())
+    head_room = cell.pump.flow_max / (speed * widest * thickest)
+    bead = drive(
+        curve,
+        stop.start,
+        settings.width,
+        speed,
+        settings.end_speed,
+        cell.pump.lag_s,
+        cell.robot.acceleration,
+        head_room,
+    )
     points = layer.nozzle.to_world(bead.points)
     heading = float(np.radians(cell.tool.heading_deg))
     lift = settings.clearance * layer.nozzle.normal

@@ -3,21 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation, Slerp
 
 from twins import Toolpath
 
+from .branch import branch_from
 from .cell import Cell
 from .errors import ProgramError
 from .finding import Finding, Severity
+from .kinematics import arm
 from .mix import Mix
-from .program import Program, SegmentKind
+from .program import MOVES_MAX, Program, SegmentKind
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+
+
+MOVES_AROUND = 3
+"""Moves of travel, approach and retract that go out with a bead."""
+
+MOST_OF_A_KIND = 5
+"""Findings of one kind that are listed; a part that is too large would give two a layer."""
+
+BETWEEN = 10.0
+"""Distance at which moves between beads are looked at, mm."""
+
+JUMP = 0.5
+"""Turn of a joint between two such places that means another posture or a singular one, rad."""
 
 
 def check(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> list[Finding]:
@@ -37,16 +54,29 @@ def check(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> list[Fi
         raise ProgramError(
             f"the program prints layer {layers - 1}, the toolpath ends at {len(toolpath.layers) - 1}"
         )
-    return [
+    findings = [
         *_reach(program, cell),
+        *_way_between(program, cell),
         *_joint_limits(program, cell),
         *_joint_speed(program, cell),
         *_work_volume(program, cell),
         *_blend_overlap(program),
         *_pump_range(program, cell),
         *_bead_width(program, cell),
+        *_bead_length(program),
         *_layer_interval(program, mix),
+        *_open_time(program, mix),
     ]
+    return [folded for kind in dict.fromkeys(f.kind for f in findings) for folded in _folded(findings, kind)]
+
+
+def _folded(findings: list[Finding], kind: str) -> list[Finding]:
+    """The findings of a kind; of many the first few, the last of which says how many more there are."""
+    found = [finding for finding in findings if finding.kind == kind]
+    if len(found) <= MOST_OF_A_KIND:
+        return found
+    kept, more = found[:MOST_OF_A_KIND], len(found) - MOST_OF_A_KIND
+    return [*kept[:-1], replace(kept[-1], message=f"{kept[-1].message} (and {more} more places like this)")]
 
 
 def _runs(bad: Mask) -> Iterator[tuple[int, int]]:
@@ -77,6 +107,43 @@ def _reach(program: Program, cell: Cell) -> Iterator[Finding]:
             f"the {cell.robot.model} cannot take this pose, {_where(program, i)} ({stop - start} waypoints in a row)",
             "move the part on the bed, make it smaller, or tilt the top plane less",
         )
+
+
+def _way_between(program: Program, cell: Cell) -> Iterator[Finding]:
+    """Moves without a bead are straight and long: what the arm can do at both ends, it must do all the way."""
+    model = arm(cell.robot.model)
+    flange = np.linalg.inv(program.tool)
+    for segment in program.segments:
+        if segment.kind is SegmentKind.PRINT:
+            continue
+        for i in range(segment.start + 1, segment.stop):
+            ends = program.poses[[i - 1, i]]
+            count = int(np.ceil(np.linalg.norm(ends[1, :3, 3] - ends[0, :3, 3]) / BETWEEN))
+            if count < 2 or np.isnan(program.joints[[i - 1, i]]).any():
+                continue
+            share = np.linspace(0.0, 1.0, count + 1)
+            poses = np.tile(np.eye(4), (count + 1, 1, 1))
+            poses[:, :3, :3] = Slerp([0.0, 1.0], Rotation.from_matrix(ends[:, :3, :3]))(share).as_matrix()
+            poses[:, :3, 3] = ends[0, :3, 3] + share[:, None] * (ends[1, :3, 3] - ends[0, :3, 3])
+            joints = branch_from(model, poses @ flange, program.joints[i - 1])
+            lost = np.isnan(joints).any(axis=1)
+            turn = np.abs(np.diff(joints, axis=0)).max(axis=1)
+            if (
+                lost.any()
+                or float(turn.max()) > JUMP
+                or float(np.abs(joints[-1] - program.joints[i]).max()) > JUMP
+            ):
+                yield Finding(
+                    "way between beads",
+                    Severity.ERROR,
+                    i,
+                    round(100.0 * float(lost.mean()), 1),
+                    0.0,
+                    "% of the way out of reach",
+                    f"the arm cannot follow the straight {segment.kind} to here without leaving its reach or its "
+                    f"posture, {_where(program, i)}",
+                    "move the part on the bed, or print its bodies as separate jobs",
+                )
 
 
 def _joint_limits(program: Program, cell: Cell) -> Iterator[Finding]:
@@ -205,6 +272,36 @@ def _bead_width(program: Program, cell: Cell) -> Iterator[Finding]:
                 f"the nozzle cannot lay a bead {program.width[i]:.1f} mm wide, {_where(program, i)}",
                 "change [print] width, or the nozzle's width_min and width_max in the cell file",
             )
+
+
+def _bead_length(program: Program) -> Iterator[Finding]:
+    for segment in program.segments:
+        moves = segment.stop - segment.start - 1
+        if segment.kind is SegmentKind.PRINT and moves > MOVES_MAX - MOVES_AROUND:
+            yield Finding(
+                "bead length",
+                Severity.ERROR,
+                segment.start,
+                moves,
+                MOVES_MAX - MOVES_AROUND,
+                "moves",
+                f"one bead has {moves} moves, more than a controller takes at once, {_where(program, segment.start)}",
+                "sample the curves coarser ([slicing] resolution), or divide the part",
+            )
+
+
+def _open_time(program: Program, mix: Mix) -> Iterator[Finding]:
+    if program.duration > mix.open_time_s:
+        yield Finding(
+            "open time",
+            Severity.WARNING,
+            -1,
+            round(program.duration, 1),
+            mix.open_time_s,
+            "s",
+            f"the print takes {program.duration:.0f} s, longer than one batch of {mix.name} stays open",
+            "mix in several batches",
+        )
 
 
 def _layer_interval(program: Program, mix: Mix) -> Iterator[Finding]:

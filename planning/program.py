@@ -25,6 +25,9 @@ Indices = npt.NDArray[np.int32]
 FORMAT = "twincell-program"
 VERSION = 1
 
+MOVES_MAX = 1500
+"""Most moves in one script; controllers fail somewhere above 1000 to 2500 targets."""
+
 
 class SegmentKind(StrEnum):
     """What a segment of the program is for."""

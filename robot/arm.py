@@ -85,7 +85,7 @@ class Arm:
         """
         self._folder = tempfile.TemporaryDirectory(prefix="twincell-")
         file = Path(self._folder.name) / "program.npz"
-        program.save(file)
+        await asyncio.to_thread(program.save, file)  # seconds for a long program, and the pump needs its beat
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self._link.setblocking(False)
         with theirs:

@@ -17,6 +17,7 @@ the controller stops for want of a kick.
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import json
 import os
@@ -103,6 +104,10 @@ class ArmProcess:
         except OSError as error:
             self._brake()
             raise ConnectionError(f"the supervisor is gone ({error}); the arm was stopped") from error
+        except BaseException:
+            with contextlib.suppress(Exception):  # the first fault is the one to tell
+                self._brake()
+            raise
 
     def _turn(self) -> bool:
         """Look once at the clocks, the robot and the socket; whether to go on."""

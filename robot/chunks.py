@@ -13,15 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from planning import Program, SegmentKind
+from planning.program import MOVES_MAX
 
 from .errors import ArmError
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
-
-MOVES_MAX = 1500
-"""Most moves in one script; controllers fail somewhere above 1000 to 2500 targets."""
 
 SAME_PLACE = 1e-6
 """Waypoints nearer than this are one, mm."""

@@ -24,7 +24,7 @@ class Evaluation:
     """Figures of a print.
 
     Attributes:
-        duration: process time from the first to the last sample, s.
+        duration: process time from the first waypoint to the last sample, s.
         deposited_volume: volume that left the nozzle, mm³.
         travel_volume: the part of it that left outside of beads, mm³.
         worst_deviation: largest distance between a measured position in a bead and the planned path, mm.
@@ -50,7 +50,9 @@ def evaluate(program: Program, samples: Samples) -> Evaluation:
     volume = volumes(samples)
     off = deviations(program, samples[inside])
     return Evaluation(
-        duration=float(samples["time"][-1] - samples["time"][0]) if len(samples) else 0.0,
+        duration=float(np.ptp(samples["time"][samples["segment"] >= 0]))
+        if (samples["segment"] >= 0).any()
+        else 0.0,
         deposited_volume=float(volume.sum()),
         travel_volume=float(volume[~inside].sum()),
         worst_deviation=float(off.max(initial=0.0)),

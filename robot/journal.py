@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import queue
 import sqlite3
 import threading
@@ -234,12 +235,17 @@ def read_runs(path: Path) -> dict[int, dict[str, Any]]:
     return {int(number): json.loads(info) for number, info in rows}
 
 
+def _mode(path: Path) -> str:
+    """Only a reader that may write clears away the write-ahead log when it closes the file last."""
+    return "rw" if os.access(path, os.W_OK) and os.access(path.parent, os.W_OK) else "ro"
+
+
 def _query(path: Path, run: int | None, statement: str) -> Iterable[tuple[Any, ...]]:
     if not path.is_file():
         raise JournalError(f"{path}: no such journal; a print makes it")
     try:
         with closing(
-            sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=5.0)
+            sqlite3.connect(f"{path.resolve().as_uri()}?mode={_mode(path)}", uri=True, timeout=5.0)
         ) as database:
             if run is None:
                 run = database.execute("SELECT max(id) FROM runs").fetchone()[0] or 0

@@ -164,6 +164,7 @@ class _Print:
         self._journal, self._progress = journal, progress
         self._calibration = Calibration(cell.pump.dead_time_s, cell.pump.lag_s, cell.pump.flow_max)
         self._error: RobotError | None = None
+        self._connecting: asyncio.Task[None] | None = None
         self._news = asyncio.Event()
         self._state: RobotState | None = None
         self._reading = PumpReading()
@@ -186,34 +187,60 @@ class _Print:
 
     async def run(self) -> None:
         patrol: asyncio.Task[None] | None = None
-        try:
-            self._check_robot(await self._listener.connect(self._cell.robot.host))
-            await self._pump.start()
-            await self._arm.start(self._program)
-            with self._interruptible():
+        with self._interruptible():
+            try:
+                await self._connect()
                 self._guard.arm()
                 patrol = asyncio.create_task(self._guard.patrol())
                 patrol.add_done_callback(self._unguarded)
                 await self._print()
                 self._guard.disarm()
                 self._arm.quit()
+            finally:
+                # On every way out, with or without an error: pump and arm are told first, then waited for.
+                self._guard.disarm()
+                self._pump.stop()
+                self._arm.stop()
+                if patrol is not None:
+                    patrol.cancel()
+                await self._arm.close()
+                await self._pump.close()
+                self._listener.close()
+                with self._journalling():
+                    self._sampler.flush()
+
+    async def _connect(self) -> None:
+        """Connect to robot and pump, and start the arm process; a stop cuts it short."""
+
+        async def connect() -> None:
+            self._check_robot(await self._listener.connect(self._cell.robot.host))
+            await self._pump.start()
+            await self._arm.start(self._program)
+
+        self._connecting = asyncio.create_task(connect())
+        try:
+            await self._connecting
+        except asyncio.CancelledError:
+            if self._error is None:
+                raise
         finally:
-            # On every way out, with or without an error: pump and arm are told first, then waited for.
-            self._guard.disarm()
-            self._pump.stop()
-            self._arm.stop()
-            if patrol is not None:
-                patrol.cancel()
-            await self._arm.close()
-            await self._pump.close()
-            self._listener.close()
-            with self._journalling():
-                self._sampler.flush()
+            self._connecting = None
+        if self._error is not None:
+            raise self._error
 
     async def _print(self) -> None:
         self._guard.expect()
         self._arm.approach()
         await self._done(-1)
+        away = (
+            float(np.linalg.norm(self._state.position - self._program.positions[0]))
+            if self._state
+            else math.inf
+        )
+        if away > ARRIVED:
+            raise ArmError(
+                f"the arm ended {away:.1f} mm away from the program's first waypoint; look at its pendant"
+            )
         for chunk in self._chunks:
             await self._stand(chunk.wait)
             if not len(chunk):
@@ -273,6 +300,8 @@ class _Print:
         self._arm.stop()
         if self._error is None:
             self._error = error
+            if self._connecting is not None:
+                self._connecting.cancel()
             self._guard.disarm()
             with contextlib.suppress(JournalError):
                 self._journal.event("stop", str(error), self._now)
@@ -354,10 +383,10 @@ class _Print:
 
     @contextlib.contextmanager
     def _interruptible(self) -> Iterator[None]:
-        """Ctrl-C and a request to terminate stop the print, instead of ending this process in the middle of it."""
+        """Ctrl-C, a closed terminal and a request to terminate stop the print, and do not end this process."""
         loop = asyncio.get_running_loop()
         added = []
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             with contextlib.suppress(ValueError, RuntimeError):  # only the main thread is sent signals
                 loop.add_signal_handler(
                     number, lambda: self._stop(StoppedError(f"stopped by the operator{self._where()}"))

@@ -190,11 +190,13 @@ class Pump:
     async def _judge(self) -> None:
         """Look at the age of the last good answer, also while a request is waiting for its own."""
         looked = self._answered = time.monotonic()
+        excused = False
         while True:
             await asyncio.sleep(LOOK_PERIOD)
             now = time.monotonic()
-            # A late look says that this process itself was held up: an answer may be waiting to be read.
-            if now - self._answered > LOSS and now - looked < 3.0 * LOOK_PERIOD and not self._stopped:
+            # A late look says that this process itself was held up: an answer may be waiting to be read, once.
+            excused = now - looked >= 3.0 * LOOK_PERIOD and not excused
+            if now - self._answered > LOSS and not excused and not self._stopped:
                 self._complain(f"{self._where} has given no good answer for {LOSS:g} s ({self._trouble})")
             looked = now
 

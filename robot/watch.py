@@ -22,7 +22,7 @@ ROUND = 0.01
 """Wall time between two looks at the clocks, s."""
 
 STALL = 0.03
-"""A look this late says that this process itself was held up, s: what waits in its sockets is heard first."""
+"""A look this late says that this process itself was held up, s: what waits in its sockets is heard first, once."""
 
 WINDOW_MAX = 5.0
 """Longest window that is granted for an upload, s."""
@@ -111,10 +111,12 @@ class Guard:
     async def patrol(self) -> None:
         """Look at the clocks until cancelled."""
         before = time.monotonic()
+        excused = False
         while True:
             await asyncio.sleep(ROUND)
             now = time.monotonic()
-            if self._armed and now - before < STALL:
+            excused = now - before >= STALL and not excused
+            if self._armed and not excused:
                 if now - self._robot_heard > SILENCE:
                     self._trip(f"the robot has been silent for {now - self._robot_heard:.2f} s")
                 elif now - self._arm_heard > SILENCE and now > self._window_end:

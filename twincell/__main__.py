@@ -1,5 +1,19 @@
-"""`python -m twincell`."""
+"""Where the command line begins: `twincell`, or `python -m twincell`."""
 
-from .cli import main
+from __future__ import annotations
 
-main()
+import sys
+
+
+def main() -> None:
+    """Run the command line. A Ctrl-C while it is still being loaded is one sentence too."""
+    try:
+        from .cli import main as run  # noqa: PLC0415 - loading takes seconds
+    except KeyboardInterrupt:
+        sys.stderr.write("stopped by Ctrl-C\n")
+        raise SystemExit(1) from None
+    run()
+
+
+if __name__ == "__main__":
+    main()

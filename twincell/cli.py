@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -36,6 +37,9 @@ app = typer.Typer(
 )
 console = Console()
 errors = Console(stderr=True)
+
+INTERRUPTED = 130
+"""Exit code that the command line library gives a Ctrl-C."""
 
 EXPECTED = (TwinsError, PlanningError, RobotError, AnalysisError, JobError)
 
@@ -97,8 +101,10 @@ def new(
         thickness=thickness, width=width, speed=speed,
     )  # fmt: skip
     for sentence in said:
-        console.print(f"repaired: {sentence}", highlight=False)
-    console.print(f"made {out / 'job.toml'}; next: twincell plan {out}", highlight=False)
+        console.print(f"repaired: {sentence}", highlight=False, markup=False, soft_wrap=True)
+    console.print(
+        f"made {out / 'job.toml'}; next: twincell plan {out}", highlight=False, markup=False, soft_wrap=True
+    )
 
 
 @app.command("slice")
@@ -129,7 +135,9 @@ def reconstruct_(
         text = str(error)
         raise type(error)(text if text.startswith(str(toolpath)) else f"{toolpath}: {text}") from None
     save_surface(surface, out)
-    console.print(f"wrote {out}: {len(surface.faces)} triangles", highlight=False)
+    console.print(
+        f"wrote {out}: {len(surface.faces)} triangles", highlight=False, markup=False, soft_wrap=True
+    )
 
 
 @app.command("plan")
@@ -138,7 +146,7 @@ def plan_(job: JobFolder, as_json: Json = False) -> None:
     loaded = load_job(job)
     program, toolpath, findings = plan_job(loaded)
     summary = summarise(program, toolpath, read_surface(loaded.volume), findings)
-    write_summary(loaded.report, summary)
+    write_summary(loaded.report, summary, anew=True)
     draw(loaded.report, program, loaded.cell)
     keys = ("layers", "path_length_m", "bead_volume_l", "print_time_s", "starts", "waypoints")
     _result({key: summary[key] for key in keys}, as_json, findings)
@@ -196,24 +204,38 @@ def _result(values: dict[str, Any], as_json: bool, findings: list[Finding] | Non
         extra = {} if findings is None else {"findings": [finding.as_dict() for finding in findings]}
         sys.stdout.write(json.dumps({**values, **extra}) + "\n")
     else:
-        for key, value in values.items():
-            console.print(f"{key:24} {value}", highlight=False)
+        for key, value in _flat(values):
+            console.print(f"{key:28} {value}", highlight=False, markup=False, soft_wrap=True)
         for finding in findings or []:
-            console.print(
-                str(finding), style="red" if finding.severity is Severity.ERROR else "yellow", highlight=False
-            )
+            style = "red" if finding.severity is Severity.ERROR else "yellow"
+            console.print(str(finding), style=style, highlight=False, markup=False, soft_wrap=True)
         if findings is not None and not findings:
-            console.print("no findings", highlight=False)
+            console.print("no findings", highlight=False, markup=False, soft_wrap=True)
     if any(finding.severity is Severity.ERROR for finding in findings or []):
         raise typer.Exit(1)
+
+
+def _flat(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Values for people: nested ones one a line, numbers short, hashes left to the files."""
+    for key, value in values.items():
+        if key == "inputs":
+            continue
+        if isinstance(value, dict):
+            yield from ((f"{key}: {inner}", text) for inner, text in _flat(value))
+        elif isinstance(value, list):
+            yield key, ", ".join(map(str, value))
+        else:
+            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def main() -> None:
     """Run the command line; expected errors are one sentence on stderr and exit code 1."""
     try:
         app()
-    except KeyboardInterrupt:
-        errors.print("stopped by Ctrl-C", highlight=False)
+    except SystemExit as ended:
+        if ended.code != INTERRUPTED:
+            raise
+        errors.print("stopped by Ctrl-C", highlight=False, markup=False, soft_wrap=True)
         raise SystemExit(1) from None
     except EXPECTED as error:
         errors.print(str(error), style="red", highlight=False, markup=False, soft_wrap=True)

@@ -68,7 +68,7 @@ def demo(out: Path, time_scale: float, console: Console) -> None:
 
 def _prepare(out: Path) -> None:
     settings = out / "job.toml"
-    if settings.exists() and MARK not in settings.read_text(encoding="utf-8"):
+    if settings.exists() and MARK not in settings.read_text(encoding="utf-8", errors="replace"):
         raise JobError(f"{out}: holds another job; choose another folder with --out")
     if out.exists() and not settings.exists() and any(out.iterdir()):
         raise JobError(f"{out}: is not empty and holds no demo; choose another folder with --out")

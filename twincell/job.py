@@ -170,7 +170,12 @@ class Job:
     def slicing_inputs(self) -> dict[str, str]:
         """SHA-256 of what the toolpath is made from."""
         slicing = self.settings.slicing.model_dump_json() + self.settings.part.model_dump_json()
-        return {"part": _hash(_read(self.part)), "slicing": _hash(slicing.encode())}
+        width = repr(self.settings.print.width)  # of M', which is made with the toolpath
+        return {
+            "part": _hash(_read(self.part)),
+            "slicing": _hash(slicing.encode()),
+            "width": _hash(width.encode()),
+        }
 
     def printing_inputs(self) -> dict[str, str]:
         """SHA-256 of what the program is made from."""

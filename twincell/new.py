@@ -35,7 +35,7 @@ def set_down(
     vertices = np.asarray(surface.vertices) * MM[units] @ UP[up].T
     extent = float(np.ptp(vertices, axis=0).max())
     if longest is not None:
-        if not longest > 0:
+        if not (longest > 0 and np.isfinite(longest)):
             raise SurfaceError(f"--longest must be above 0 mm, not {longest}")
         vertices = vertices * (longest / extent)
     low, high = vertices.min(axis=0), vertices.max(axis=0)

@@ -21,6 +21,15 @@ from .job import Job
 from .report import write_summary
 from .stages import planned, refuse
 
+MEASURED = (
+    "run_duration_s",
+    "deposited_volume_l",
+    "travel_volume_l",
+    "worst_deviation_mm",
+    "waypoints_passed",
+)
+"""What `summary.json` says of a run; nothing until it is complete."""
+
 
 def print_job(
     job: Job, console: Console, *, simulate: bool = False, dry: bool = False, time_scale: float = 1.0
@@ -49,8 +58,14 @@ def print_job(
         if simulate:
             stack.enter_context(SimulatedCell.start(job.cell_file, time_scale=time_scale))
         show = stack.enter_context(_progress(console))
+        write_summary(
+            job.report, {**dict.fromkeys(MEASURED), "run": "stopped", "simulated": simulate, "dry": dry}
+        )
         result = robot.run(program, job.cell, job.journal, progress=show)
-    values = {
+    values: dict[str, Any] = {
+        "run": "complete",
+        "simulated": simulate,
+        "dry": dry,
         "run_duration_s": round(result.duration, 2),
         "deposited_volume_l": round(result.deposited_volume * 1e-6, 6),
         "travel_volume_l": round(result.travel_volume * 1e-6, 6),
@@ -68,6 +83,8 @@ def simulate_cell(cell: str, host: str | None, time_scale: float, console: Conso
             f"simulated cell at {simulated.host}: robot on 30004 (RTDE), 29999, 30001 to 30003; "
             f"pump on {simulated.pump_port}; time scale {time_scale:g}; Ctrl-C ends it",
             highlight=False,
+            markup=False,
+            soft_wrap=True,
         )
         ended = threading.Event()
         signal.signal(signal.SIGTERM, lambda *_: ended.set())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -21,16 +22,15 @@ Array = npt.NDArray[np.float64]
 _LINE = {"linewidth": 0.8}
 
 
-def write_summary(folder: Path, values: dict[str, Any]) -> None:
-    """Merge values into `summary.json`; keys carry their units."""
+def write_summary(folder: Path, values: dict[str, Any], *, anew: bool = False) -> None:
+    """Merge values into `summary.json`, or write it anew; keys carry their units."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "summary.json"
     known: dict[str, Any] = {}
-    if path.is_file():
-        try:
-            known = json.loads(path.read_text(encoding="utf-8"))
-        except ValueError:
-            known = {}
+    if path.is_file() and not anew:
+        with contextlib.suppress(ValueError):
+            read = json.loads(path.read_text(encoding="utf-8"))
+            known = read if isinstance(read, dict) else {}
     partial = path.with_suffix(".partial")
     partial.write_text(json.dumps({**known, **values}, indent=2) + "\n", encoding="utf-8")
     partial.replace(path)
@@ -86,6 +86,7 @@ def _layers(program: Program, cell: Cell) -> Figure:
         np.stack([points[moves - 1], points[moves]], axis=1), cmap="viridis", linewidth=1.6
     )
     beads.set_array(program.height[moves])
+    beads.set_clim(*_span(program.height[moves]))
     axes.add_collection3d(beads)
     for segment in program.segments:
         if segment.kind is SegmentKind.TRAVEL:
@@ -103,6 +104,13 @@ def _layers(program: Program, cell: Cell) -> Figure:
     return figure
 
 
+def _span(height: Array) -> tuple[float, float]:
+    """Limits for a scale of heights: where they hardly differ, wide enough to say so."""
+    low, high = float(height.min()), float(height.max())
+    margin = max(0.03 * (high - low), 0.02 * high - 0.5 * (high - low), 0.0)
+    return low - margin, high + margin
+
+
 def _height_and_flow(program: Program) -> Figure:
     figure = Figure(figsize=(10.0, 5.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
@@ -110,6 +118,8 @@ def _height_and_flow(program: Program) -> Figure:
     height = np.where(printing, program.height, np.nan)
     above.plot(program.time, height, color="tab:blue", **_LINE)
     above.set_ylabel("local layer height [mm]")
+    above.set_ylim(*_span(program.height[printing]))
+    above.ticklabel_format(useOffset=False)
     above.set_title("Local layer height and planned flow along the path")
     below.plot(program.time, np.where(printing, program.flow, 0.0), color="tab:red", **_LINE)
     below.set_ylabel("flow [mm³/s]")

@@ -116,10 +116,10 @@ def slice_job(job: Job) -> Sliced:
     except TwinsError as error:
         raise type(error)(f"{job.part}: {error}") from None
     inputs = job.slicing_inputs()
-    save_toolpath(toolpath, job.toolpath, inputs)
     comments = [f"{name} sha256 {value}" for name, value in inputs.items()]
     save_surface(made.surface, job.surface, comments)
-    save_surface(made.volume, job.volume, [*comments, f"width {job.settings.print.width} mm"])
+    save_surface(made.volume, job.volume, comments)
+    save_toolpath(toolpath, job.toolpath, inputs)  # last: it says that all three are fresh
     return made
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,7 @@ def fea_job(job: Job, console: Console) -> dict[str, Any]:
                 partial,
                 progress=status.update,
             )
-            values = _with_folder(report.as_dict(), partial, job.fea)
+            values = report.as_dict()
             try:
                 status.update("solving self-weight")
                 result = solve(report.deck, time_limit_s=job.settings.fea.time_limit_s)
@@ -62,9 +61,3 @@ def fea_job(job: Job, console: Console) -> dict[str, Any]:
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return values
-
-
-def _with_folder(values: dict[str, Any], written: Path, final: Path) -> dict[str, Any]:
-    """Paths below the folder written to, as they are once it has its final name."""
-    moved: dict[str, Any] = json.loads(json.dumps(values, default=str).replace(str(written), str(final)))
-    return moved

@@ -58,13 +58,13 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
             curves = []
             for j, curve in enumerate(entry["curves"]):
                 place = f"{where}: layer {i}, curve {j}"
-                curves.append(Curve(curve["points"], bool(curve.get("closed", True)), curve.get("width")))
+                curves.append(Curve(curve["points"], _flag(curve.get("closed", True)), curve.get("width")))
             layers.append(Layer(slicing, nozzle, tuple(curves)))
         place = where
         return Toolpath(base, tuple(layers), float(values["thickness"]))
     except KeyError as error:
         raise FormatError(f"{place}: key {error} is missing") from None
-    except (TypeError, ValueError, AttributeError, ToolpathError) as error:
+    except (TypeError, ValueError, AttributeError, OverflowError, ToolpathError) as error:
         raise FormatError(f"{place}: {error}") from None
 
 
@@ -127,6 +127,12 @@ def _plane_as_dict(plane: Plane) -> dict[str, list[float]]:
 
 def _plane(values: dict[str, Any]) -> Plane:
     return Plane(values["origin"], values["x_axis"], values["y_axis"])
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"closed must be true or false, not {value!r}")  # noqa: TRY004 - told as the file's fault
+    return value
 
 
 def _curve_as_dict(curve: Curve) -> dict[str, Any]:

@@ -75,7 +75,12 @@ def read_surface(path: Path) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise FormatError(f"{path}: vertex {bad} is not a finite point")
-    return welded(vertices, faces)
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise FormatError(f"{path}: a face names vertex {faces.max()}, but there are {len(vertices)}")
+    surface = welded(vertices, faces)
+    if len(surface.faces) == 0:
+        raise FormatError(f"{path}: all its triangles are degenerate")
+    return surface
 
 
 def welded(vertices: Array, faces: Faces) -> trimesh.Trimesh:
@@ -118,7 +123,10 @@ def check_surface(surface: trimesh.Trimesh) -> None:
             f"the surface is not consistently oriented: {len(twisted)} edges have two faces that turn the same way, "
             f"the first at {_place(vertices, twisted[0])}; flip the faces on one side"
         )
-    if signed_volume(surface) <= 0:
+    size = float(np.ptp(vertices, axis=0).max())
+    if abs(signed_volume(surface)) < 1e-12 * size**3:
+        raise SurfaceError("the surface encloses no volume; make it a closed solid")
+    if signed_volume(surface) < 0:
         raise SurfaceError("the surface is inside out: its normals point inwards; flip all faces")
 
 
@@ -154,7 +162,7 @@ def repair_surface(surface: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]
     repaired = make_surface(vertices, faces)
     if signed_volume(repaired) < 0:
         repaired = make_surface(vertices, faces[:, ::-1])
-        said.append("turned the surface inside out")
+        said.append("flipped all faces: they pointed inwards")
     check_surface(repaired)
     return repaired, said
 

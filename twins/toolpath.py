@@ -18,6 +18,9 @@ from .errors import ToolpathError
 
 Array = npt.NDArray[np.float64]
 
+FAR = 1e6
+"""Coordinates beyond this are no part of a cell, mm."""
+
 
 def read_only(values: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> Array:
     """A finite, read-only float64 copy of `values` with the given shape (None: any length)."""
@@ -27,8 +30,8 @@ def read_only(values: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -
     ):
         wanted = ", ".join("n" if n is None else str(n) for n in shape)
         raise ToolpathError(f"{what} must have shape ({wanted}), not {array.shape}")
-    if not np.isfinite(array).all():
-        raise ToolpathError(f"{what} holds a value that is not a finite number")
+    if not (np.abs(array) <= FAR).all():
+        raise ToolpathError(f"{what} holds a value that is not a number within 1 km")
     array.setflags(write=False)
     return array
 
@@ -173,8 +176,10 @@ class Toolpath:
     thickness: float
 
     def __post_init__(self) -> None:
-        if not self.thickness > 0:
-            raise ToolpathError(f"a toolpath's thickness must be above 0 mm, not {self.thickness}")
+        if not 1e-3 <= self.thickness <= FAR:
+            raise ToolpathError(
+                f"a toolpath's thickness must be between 0.001 mm and 1 km, not {self.thickness} mm"
+            )
 
     def curves(self) -> Iterator[tuple[int, int, Layer, Curve]]:
         """Every curve with its layer index, its index in the layer, and its layer."""

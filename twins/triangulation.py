@@ -108,7 +108,7 @@ def triangulate(curves: Sequence[Array], resolution: float, seed: int, where: st
         what = "touch or cross" if missing or mixed else "enclose nothing on their left"
         raise ToolpathError(
             f"{where}: curves {what} near ({fault[0]:.3f}, {fault[1]:.3f}) in the plane; "
-            "simplify or join them, or sample them finer"
+            "unite bodies that overlap, or sample finer where walls nearly touch"
         )
     centers = _circumcenters(jittered, triangles)
     edges, duals, native, border = _duals(jittered, triangles, neighbours, inside, centers, following)

@@ -100,7 +100,6 @@ def mix():
             "density_kg_m3": 2070.0,
             "youngs_modulus": 0.078,
             "poisson": 0.24,
-            "overhang_max": 0.3,
             "layer_interval_max_s": 360.0,
             "open_time_s": 7200.0,
         }

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from planning import ProgramError, SegmentKind, Severity, check, load_cell, plan
+from twins import Curve, Layer, Plane, Toolpath
 
 
 def kinds(findings):
@@ -85,3 +86,57 @@ def test_a_program_for_another_robot_is_refused(program, mix, rotary, cell):
 
 def test_the_shipped_cell_is_what_it_says():
     assert load_cell("ur10e-demo").name == "ur10e-demo"
+
+
+def ring(x, count=40, radius=40.0):
+    angle = 2 * np.pi * np.arange(count) / count
+    return Curve([x, 0.0] + radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+def one_layer(*curves):
+    return Toolpath(Plane.horizontal(), (Layer(Plane.horizontal(5), Plane.horizontal(10), curves),), 10.0)
+
+
+def test_a_travel_through_the_robots_own_base(cell, mix, settings):
+    bed = cell.bed.model_copy(update={"origin": (0.0, 0.0, -150.0), "size": (2000.0, 2000.0)})
+    around = cell.model_copy(update={"bed": bed})
+    toolpath = one_layer(ring(-600.0), ring(600.0))
+    program = plan(toolpath, around, mix, settings)
+    found = [f for f in check(program, around, mix, toolpath) if f.kind == "way between beads"]
+    assert found
+    travels = [s for s in program.segments if s.kind is SegmentKind.TRAVEL]
+    assert any(s.start < f.waypoint < s.stop for f in found for s in travels)
+
+
+def test_a_bead_longer_than_a_script(cell, mix, settings):
+    toolpath = one_layer(ring(0.0, count=2000, radius=300.0))
+    found = check(plan(toolpath, cell, mix, settings), cell, mix, toolpath)
+    assert kinds(found) == {"bead length"}
+    assert "coarser" in found[0].remedy
+
+
+def test_open_time(program, cell, mix, rotary):
+    found = check(program, cell, mix.model_copy(update={"open_time_s": 10.0}), rotary)
+    assert kinds(found) == {"open time"}
+
+
+def test_many_findings_of_a_kind_are_folded(rotary, cell, mix, settings):
+    bed = cell.bed.model_copy(update={"size": (60.0, 600.0)})
+    small = cell.model_copy(update={"bed": bed})
+    found = check(plan(rotary, small, mix, settings), small, mix, rotary)
+    assert 1 < len(found) <= 5
+    assert "more places like this" in found[-1].message
+
+
+def test_beads_start_slower_where_the_pump_has_little_head_room(rotary, cell, mix, settings):
+    def start_ramp(flow_max):
+        pump = cell.pump.model_copy(update={"flow_max": flow_max})
+        program = plan(rotary, cell.model_copy(update={"pump": pump}), mix, settings)
+        first = next(s for s in program.segments if s.kind is SegmentKind.PRINT)
+        speed = program.speed[first.start : first.stop]
+        return (
+            program.time[first.start + int(np.argmax(speed > 0.99 * speed.max()))] - program.time[first.start]
+        )
+
+    top = settings.speed * settings.width * 7.0
+    assert start_ramp(1.2 * top) > 1.5 * start_ramp(10.0 * top)

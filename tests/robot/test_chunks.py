@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from planning import Segment, SegmentKind
-from robot.chunks import MOVES_MAX, split
+from planning.program import MOVES_MAX
+from robot.chunks import split
 from robot.errors import ArmError
 
 
