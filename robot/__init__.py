@@ -11,7 +11,8 @@ from .errors import (
 )
 from .evaluation import Evaluation, evaluate
 from .journal import Journal, read_events, read_samples
-from .printer import Progress, RunResult, run
+from .printer import RunResult, run
+from .supervisor import Progress
 
 __all__ = [
     "ArmError",

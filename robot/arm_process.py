@@ -60,6 +60,9 @@ JOINT_SPEED, JOINT_ACCELERATION = 0.5, 0.8
 BRAKING = 2.0
 """Deceleration of a stop, m/s²."""
 
+PRIORITY = -10
+"""Of this process among those of the machine, as `nice` counts."""
+
 MM = 1e-3
 """Metres in a millimetre."""
 
@@ -215,6 +218,8 @@ def main(arguments: list[str]) -> int:
     try:
         gc.collect()
         gc.freeze()  # a full collection over all imports would hold up the watchdog's kicks
+        with contextlib.suppress(OSError):  # and so would a busy machine; not everybody may ask for this
+            os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
         link = socket.socket(fileno=int(descriptor))
         ArmProcess(link, host, Program.load(Path(file)), float(acceleration)).serve()
     except Exception as error:

@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import errno
 import gc
+import os
 import selectors
 import signal
 import sys
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Coroutine, Iterator
 
 READY = "ready"
+
+PRIORITY = -10
+"""Of the simulators among the processes of the machine, as `nice` counts."""
 
 
 def arguments(description: str) -> argparse.ArgumentParser:
@@ -47,6 +51,10 @@ def run(main: Coroutine[Any, Any, None], name: str) -> int:
     # What the imports left behind is never garbage; a full collection over it would hold up the cycle for 0.1 s.
     gc.collect()
     gc.freeze()
+    with contextlib.suppress(
+        OSError
+    ):  # a controller keeps its cycle whatever else the machine does, where it may
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     # select() waits by the microsecond; epoll rounds up to the next millisecond, half of the controller's cycle.
     with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())) as runner:
         try:

@@ -59,6 +59,8 @@ def test_a_child_that_ignores_signals_and_floods_its_output_is_still_killed(mark
 
 def test_an_interrupt_of_the_caller_leaves_nothing(marked):
     caller = (
+        # Whoever runs the tests in the background may have them ignore interrupts; the caller does not inherit that.
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from pathlib import Path\nfrom analysis.child import run_child\nimport sys\nprint('ready', flush=True)\n"
         "run_child([sys.executable, '-c', 'import time; time.sleep(60)'], folder=Path(), time_limit_s=60)"
     )

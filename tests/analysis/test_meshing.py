@@ -119,6 +119,7 @@ def test_the_time_limit_kills_the_mesher_and_says_what_to_change(slow_surface, m
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
 def test_when_the_caller_is_ended_the_mesher_ends_too(marked, how):
     caller = (
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "import trimesh\nfrom analysis import tetrahedralize\nprint('ready', flush=True)\n"
         "tetrahedralize(trimesh.creation.icosphere(5, 100.0), edge=2.5, tolerance=0.1, time_limit_s=60)"
     )
