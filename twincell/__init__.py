@@ -1,1 +1,1 @@
-"""."""
+"""The application: job folders, reports and the command line."""

@@ -12,6 +12,14 @@ def main() -> None:
     except KeyboardInterrupt:
         sys.stderr.write("stopped by Ctrl-C\n")
         raise SystemExit(1) from None
+    except ImportError as error:
+        if (error.name or "").split(".")[0] != "robot":
+            raise
+        sys.stderr.write(
+            "another package named 'robot' (Robot Framework's?) hides twincell's own; "
+            "install twincell into an environment of its own\n"
+        )
+        raise SystemExit(1) from None
     run()
 
 

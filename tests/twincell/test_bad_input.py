@@ -1,5 +1,9 @@
 """Whatever goes wrong is answered by one sentence that names the place, and exit code 1."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -117,3 +121,19 @@ def test_run_before_plan(job, twincell, one_sentence):
 def test_wrong_words_are_usage(twincell):
     assert twincell("slize")[0] == 2
     assert twincell("run")[0] == 2
+
+
+def test_a_foreign_package_of_the_same_name_is_named(tmp_path):
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot" / "__init__.py").write_text("")
+    ended = subprocess.run(
+        [sys.executable, "-c", "from twincell.__main__ import main; main()"],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path,
+        timeout=60,
+    )
+    assert ended.returncode == 1
+    assert "environment of its own" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
