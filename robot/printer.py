@@ -11,7 +11,7 @@ from pathlib import Path
 
 from planning import Cell, Program
 
-from .chunks import split
+from .chunks import Chunk, split
 from .errors import JournalError
 from .evaluation import evaluate
 from .journal import Journal, read_samples
@@ -65,7 +65,7 @@ def run(
         record.event("start", f"print of {len(program)} waypoints in {len(chunks)} chunks on {cell.name}")
         try:
             with _steady_memory():
-                asyncio.run(Supervisor(program, chunks, cell, record, progress).run())
+                asyncio.run(_supervise(program, chunks, cell, record, progress))
         except BaseException as error:
             with contextlib.suppress(JournalError):
                 record.event("error", str(error), error=type(error).__name__)
@@ -81,6 +81,18 @@ def run(
         passed=figures.passed,
         chunks=len(chunks),
     )
+
+
+async def _supervise(
+    program: Program,
+    chunks: tuple[Chunk, ...],
+    cell: Cell,
+    journal: Journal,
+    progress: Callable[[Progress], None] | None,
+) -> None:
+    await Supervisor(
+        program, chunks, cell, journal, progress
+    ).run()  # made inside the loop that it belongs to
 
 
 @contextlib.contextmanager
