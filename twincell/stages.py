@@ -108,7 +108,7 @@ def slice_job(job: Job) -> Sliced:
             )
         made = Sliced(
             toolpath,
-            reconstruct(toolpath, slicing.resolution),
+            reconstruct(toolpath, slicing.resolution, surface),
             extrude(toolpath, job.settings.print.width, slicing.resolution),
         )
     except PlanesError as error:

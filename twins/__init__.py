@@ -4,10 +4,11 @@ from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, Twins
 from .exchange import inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
 from .planes import PlaneStack, custom_planes, layer_planes
-from .reconstruction import reconstruct
+from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
 from .slicing import slice_surface
 from .surface import check_surface, make_surface, read_surface, repair_surface, signed_volume
 from .toolpath import Curve, Layer, Plane, Toolpath
+from .twin import Twin
 
 __all__ = [
     "Curve",
@@ -19,6 +20,8 @@ __all__ = [
     "SurfaceError",
     "Toolpath",
     "ToolpathError",
+    "ToolpathMesh",
+    "Twin",
     "TwinsError",
     "bead_outlines",
     "check_surface",
@@ -35,4 +38,5 @@ __all__ = [
     "save_toolpath",
     "signed_volume",
     "slice_surface",
+    "toolpath_mesh",
 ]

@@ -11,9 +11,14 @@ thickened a little:
 
 Pairing faces by the outside keeps the solid's connectivity: the Euler characteristic of the result is twice
 that of the solid.
+
+Only faces at such points take part. They fall into clusters that share no face and are joined one by one.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -25,99 +30,100 @@ from .errors import ToolpathError
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Triangle = tuple[int, int, int]
+Face = list[int]
+Edge = tuple[int, int]
 
 
-def resolve(points: Array, jittered: Array, tets: Indices, epsilon: float) -> tuple[Array, Indices]:
-    """The boundary of positively oriented tetrahedra as a closed, oriented 2-manifold.
+@dataclass(frozen=True, eq=False)
+class Join:
+    """The faces of one cluster after joining; points from the number given on are new.
+
+    Attributes:
+        points: new points, shape (n, 3).
+        faces: shape (k, 3).
+    """
+
+    points: Array
+    faces: Indices
+
+
+def clusters(faces: Indices, crowded: npt.NDArray[np.bool_]) -> list[Indices]:
+    """Groups of faces, as row numbers, that are linked by crowded points; every face has at least one."""
+    marked = crowded[faces]
+    row, column = np.nonzero(marked)
+    points, local = np.unique(faces[row, column], return_inverse=True)
+    graph = coo_matrix(
+        (np.ones(len(row)), (row, len(faces) + local.reshape(-1))),
+        shape=(2 * (len(faces) + len(points)),) * 2,
+    )
+    _, label = connected_components(graph, directed=False)
+    order = np.argsort(label[: len(faces)], kind="stable")
+    cuts = np.flatnonzero(np.diff(label[order])) + 1
+    return [np.sort(group) for group in np.split(order, cuts)] if len(faces) else []
+
+
+def join(
+    points: Array, faces: Indices, crowded: Indices, pieces: Callable[[int], int], epsilon: float
+) -> Join:
+    """Make one cluster of faces manifold at its crowded points.
 
     Args:
         points: shape (n, 3), mm.
-        jittered: the points in general position, shape (n, 3); decides the order of faces around an edge.
-        tets: shape (m, 4).
-        epsilon: how far joins move vertices, mm.
+        faces: turned outwards, shape (k, 3); all that the crowded points have.
+        crowded: points to be put right, shape (c,).
+        pieces: the number of pieces of the solid at a point, where pieces that share an edge or face there are one.
+        epsilon: how far points are moved, mm.
 
-    Returns:
-        points, those given first, and faces, shape (k, 3).
+    Raises:
+        ToolpathError: it cannot be done; names the place.
     """
-    faces = boundary_faces(tets)
+    given = len(points)
+    shift = epsilon
     for _ in range(4):
-        points, jittered, faces = _split_edges(points, jittered, faces, epsilon)
-        points, faces = _split_vertices(points, faces, tets, epsilon)
-        jittered = np.vstack([jittered, points[len(jittered) :]])
-        if not len(crowded_edges(faces)) and not len(_pinched_vertices(faces)):
-            return points, faces
-        epsilon *= 0.5
-    place = points[
-        crowded_edges(faces).ravel()[0] if len(crowded_edges(faces)) else _pinched_vertices(faces)[0]
-    ]
+        before = len(points)
+        points, faces = _split_edges(points, faces, set(crowded.tolist()), shift)
+        watched = np.concatenate([crowded, np.arange(before, len(points))])
+        before = len(points)
+        points, faces = _split_vertices(points, faces, watched, pieces, shift)
+        crowded = np.concatenate([watched, np.arange(before, len(points))])
+        left = _faulty(faces, crowded)
+        if not left:
+            return Join(points[given:], faces)
+        shift *= 0.5
     raise ToolpathError(
-        f"the surface could not be made manifold near {np.round(place, 3)} (layer coordinates)"
+        f"the surface could not be made manifold near {np.round(points[left[0]], 3)} (layer coordinates); sample finer"
     )
 
 
-def boundary_faces(tets: Indices) -> Indices:
-    """Faces that only one tetrahedron has, turned outwards for positive tetrahedra; shape (k, 3)."""
-    faces = np.concatenate([tets[:, [1, 2, 3]], tets[:, [0, 3, 2]], tets[:, [0, 1, 3]], tets[:, [0, 2, 1]]])
-    _, index, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return np.ascontiguousarray(faces[count[index.reshape(-1)] == 1])
-
-
-def crowded_edges(faces: Indices) -> Indices:
-    """Edges with more than two faces, low vertex first; shape (k, 2)."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    found, count = np.unique(edges, axis=0, return_counts=True)
-    return np.asarray(found[count > 2], dtype=np.int64)
-
-
-def _pinched_vertices(faces: Indices) -> Indices:
-    """Vertices whose faces form more than one fan (where all edges have two faces)."""
-    corner = np.arange(3 * len(faces)).reshape(-1, 3)
-    owner = faces.reshape(-1)
-    start = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    at_start = np.concatenate([corner[:, 0], corner[:, 1], corner[:, 2]])
-    at_end = np.concatenate([corner[:, 1], corner[:, 2], corner[:, 0]])
-    key = np.sort(start, axis=1)
-    order = np.lexsort((key[:, 1], key[:, 0]))
-    same = np.flatnonzero((key[order[1:]] == key[order[:-1]]).all(axis=1))
-    a, b = order[same], order[same + 1]
-    # The two faces of an edge run along it in opposite directions: start meets end.
-    corners = 3 * len(faces)
-    pairs = np.concatenate(
-        [np.column_stack([at_start[a], at_end[b]]), np.column_stack([at_end[a], at_start[b]])]
-    )
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(corners, corners))
-    _, label = connected_components(graph, directed=False)
-    fans = np.unique(np.column_stack([owner, label]), axis=0)[:, 0]
-    found, count = np.unique(fans, return_counts=True)
-    return np.asarray(found[count > 1], dtype=np.int64)
-
-
-def _split_edges(
-    points: Array, jittered: Array, faces: Indices, epsilon: float
-) -> tuple[Array, Array, Indices]:
-    crowded = crowded_edges(faces)
-    if not len(crowded):
-        return points, jittered, faces
-    wanted = {(int(u), int(v)) for u, v in crowded}
-    around: dict[tuple[int, int], list[tuple[int, int]]] = {edge: [] for edge in wanted}
-    near = np.flatnonzero(np.isin(faces, crowded).sum(axis=1) >= 2)
-    for f in near.tolist():
+def _edges_of(faces: Indices) -> dict[Edge, list[tuple[int, int]]]:
+    """For each edge, low point first, its faces and which of their edges it is."""
+    edges: dict[Edge, list[tuple[int, int]]] = {}
+    for f, face in enumerate(faces.tolist()):
         for k in range(3):
-            a, b = int(faces[f, k]), int(faces[f, (k + 1) % 3])
-            edge = (min(a, b), max(a, b))
-            if edge in wanted:
-                around[edge].append((f, k))
+            a, b = face[k], face[(k + 1) % 3]
+            edges.setdefault((min(a, b), max(a, b)), []).append((f, k))
+    return edges
+
+
+def _split_edges(points: Array, faces: Indices, at: set[int], epsilon: float) -> tuple[Array, Indices]:
+    around = {
+        edge: sides
+        for edge, sides in _edges_of(faces).items()
+        if len(sides) > 2 and edge[0] in at and edge[1] in at
+    }
+    if not around:
+        return points, faces
     added: list[Array] = []
     middle: dict[tuple[int, int], int] = {}
     for (u, v), sides in around.items():
-        along = jittered[v] - jittered[u]
+        along = points[v] - points[u]
         along = along / np.linalg.norm(along)
         first = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
         first = first / np.linalg.norm(first)
         second = np.cross(along, first)
         turned = []
         for f, k in sides:
-            out = jittered[faces[f, (k + 2) % 3]] - jittered[u]
+            out = points[faces[f, (k + 2) % 3]] - points[u]
             turned.append((float(np.arctan2(out @ second, out @ first)), bool(faces[f, k] == u), f, k))
         turned.sort()
         for i, (angle, forward, face, side) in enumerate(turned):
@@ -126,19 +132,16 @@ def _split_edges(
             if not forward or next_forward:
                 continue
             between = angle + 0.5 * ((next_angle - angle) % (2.0 * np.pi))
-            at = 0.5 * (points[u] + points[v]) + epsilon * (
-                np.cos(between) * first + np.sin(between) * second
-            )
+            at_middle = 0.5 * (points[u] + points[v])
+            aside = np.cos(between) * first + np.sin(between) * second
             middle[face, side] = middle[g, m] = len(points) + len(added)
-            added.append(at)
+            added.append(at_middle + epsilon * aside)
     touched = sorted({f for f, _ in middle})
     keep = np.ones(len(faces), np.bool_)
     keep[touched] = False
     pieces = [piece for f in touched for piece in _divided(faces[f], [middle.get((f, k)) for k in range(3)])]
-    new = np.array(added).reshape(-1, 3)
     return (
-        np.vstack([points, new]),
-        np.vstack([jittered, new]),
+        np.vstack([points, np.array(added).reshape(-1, 3)]),
         np.vstack([faces[keep], np.array(pieces, np.int64).reshape(-1, 3)]),
     )
 
@@ -161,35 +164,11 @@ def _divided(face: Indices, middle: list[int | None]) -> list[Triangle]:
     return [(p, q, after), (p, after, before), (before, after, r)]
 
 
-def _split_vertices(points: Array, faces: Indices, tets: Indices, epsilon: float) -> tuple[Array, Indices]:
-    pinched = _pinched_vertices(faces)
-    if not len(pinched):
-        return points, faces
-    triangles: list[list[int] | None] = [[int(v) for v in face] for face in faces]
-    places = list(points)
-    at: dict[int, set[int]] = {int(v): set() for v in pinched}
-    for f in np.flatnonzero(np.isin(faces, pinched).any(axis=1)):
-        for v in faces[f]:
-            if int(v) in at:
-                at[int(v)].add(int(f))
-    near = tets[np.isin(tets, pinched).any(axis=1)]
-    for v, around in at.items():
-        fans = _fans(v, around, triangles)
-        if len(fans) < 2:
-            continue
-        if len(fans) == 2 and _pieces(v, near) == 2:
-            _bridge(v, fans, triangles, places, at, epsilon)
-        else:
-            _copy(v, fans, triangles, places, epsilon)
-    kept = np.array([t for t in triangles if t is not None], np.int64)
-    return np.array(places), kept
-
-
 Fan = tuple[list[int], list[int]]
 """The ring of vertices around a vertex, in order, and the faces between each and the next."""
 
 
-def _fans(v: int, around: set[int], triangles: list[list[int] | None]) -> list[Fan]:
+def _fans(v: int, around: list[int], triangles: list[Face | None]) -> list[Fan]:
     step: dict[int, tuple[int, int]] = {}
     for f in around:
         face = triangles[f]
@@ -209,25 +188,46 @@ def _fans(v: int, around: set[int], triangles: list[list[int] | None]) -> list[F
     return fans
 
 
-def _pieces(v: int, tets: Indices) -> int:
-    """Number of pieces of the solid at a vertex, where pieces that share an edge or face there count as one."""
-    parent: dict[int, int] = {}
-
-    def root(x: int) -> int:
-        while parent.setdefault(x, x) != x:
-            x = parent[x]
-        return x
-
-    for tet in tets[(tets == v).any(axis=1)]:
-        a, b, c = (int(x) for x in tet if x != v)
-        parent[root(a)] = root(b)
-        parent[root(a)] = root(c)
-    return len({root(x) for x in list(parent)})
+def _faulty(faces: Indices, at: Indices) -> list[int]:
+    """Those of the given points whose faces are not one closed fan."""
+    triangles: list[Face | None] = [list(face) for face in faces.tolist()]
+    around = _faces_at(at, triangles)
+    return [v for v, found in around.items() if found and not _is_disc(v, found, triangles)]
 
 
-def _copy(
-    v: int, fans: list[Fan], triangles: list[list[int] | None], places: list[Array], epsilon: float
-) -> None:
+def _is_disc(v: int, around: list[int], triangles: list[Face | None]) -> bool:
+    fans = _fans(v, around, triangles)
+    return len(fans) == 1 and len(fans[0][0]) == len(around)
+
+
+def _faces_at(at: Indices, triangles: list[Face | None]) -> dict[int, list[int]]:
+    around: dict[int, list[int]] = {int(v): [] for v in at}
+    for f, face in enumerate(triangles):
+        for v in face or ():
+            if v in around:
+                around[v].append(f)
+    return around
+
+
+def _split_vertices(
+    points: Array, faces: Indices, watched: Indices, pieces: Callable[[int], int], epsilon: float
+) -> tuple[Array, Indices]:
+    triangles: list[Face | None] = [list(face) for face in faces.tolist()]
+    places = list(points)
+    around = _faces_at(watched, triangles)
+    for v, at in around.items():
+        fans = _fans(v, at, triangles)
+        if len(fans) < 2:
+            continue
+        if len(fans) == 2 and v < len(points) and pieces(v) == 2:
+            _bridge(v, fans, triangles, places, around, epsilon)
+        else:
+            _copy(v, fans, triangles, places, epsilon)
+    kept = np.array([t for t in triangles if t is not None], np.int64)
+    return np.array(places), kept
+
+
+def _copy(v: int, fans: list[Fan], triangles: list[Face | None], places: list[Array], epsilon: float) -> None:
     """Give each fan but the flattest a copy of the vertex, moved along the fan."""
 
     def direction(fan: Fan) -> Array:
@@ -249,17 +249,17 @@ def _copy(
 def _bridge(
     v: int,
     fans: list[Fan],
-    triangles: list[list[int] | None],
+    triangles: list[Face | None],
     places: list[Array],
-    at: dict[int, set[int]],
+    around: dict[int, list[int]],
     epsilon: float,
 ) -> None:
     """Cut the tips of two fans at epsilon and join them by a tube."""
 
-    def add(face: list[int]) -> None:
+    def add(face: Face) -> None:
         for w in face:
-            if w in at:
-                at[w].add(len(triangles))
+            if w in around:
+                around[w].append(len(triangles))
         triangles.append(face)
 
     rims: list[list[int]] = []
@@ -286,3 +286,19 @@ def _bridge(
         else:
             add([two[(j + 1) % len(two)], two[j % len(two)], one[i % len(one)]])
             j += 1
+
+
+def pieces_at(v: int, tets: Indices) -> int:
+    """Number of pieces of the solid at a point: of the parts of its link, by the tetrahedra that have it."""
+    parent: dict[int, int] = {}
+
+    def root(x: int) -> int:
+        while parent.setdefault(x, x) != x:
+            x = parent[x]
+        return x
+
+    for tet in tets[(tets == v).any(axis=1)].tolist():
+        a, b, c = (x for x in tet if x != v)
+        parent[root(a)] = root(b)
+        parent[root(a)] = root(c)
+    return len({root(x) for x in list(parent)})

@@ -1,16 +1,19 @@
 """Reconstruction: a toolpath becomes a surface, the toolpath mesh M (seed paper, Section 2.2).
 
-The solid between two layers is a set of tetrahedra (`overlay.py`); the first and last layer of each body are
-carried straight on by half a layer, to the base or nozzle plane (F_ver); and M is the boundary of all of them.
-Caps come out by themselves, and closure does not depend on which tetrahedra were chosen. Where the
-solid touches itself in an edge or vertex the boundary is pulled apart (`joining.py`).
+The solid between two layers is a set of tetrahedra (`overlay.py`); the first and last layer of each body are carried
+straight on by half a layer, to the base or nozzle plane; and M is the boundary of all of them (`boundary.py`). Caps
+come out by themselves, and closure does not depend on which tetrahedra were chosen. Where the solid touches itself
+in an edge or vertex the boundary is pulled apart (`joining.py`). Where the surface is known that the toolpath was
+sliced from, sections are added until M hangs together as the surface does (`refinement.py`).
 
-Connectivity is found as if all layers were parallel at the nominal thickness: points are (u, v) of their layer's
-frame, and a third coordinate w counts layers. `Frames` carries them to the world.
+Connectivity is found in layer coordinates, as if all layers were parallel; `Frames` carries them to the world.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,150 +21,312 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from .boundary import Block, Faces, Seam, block, block_faces, seam, slab_faces
 from .errors import ToolpathError
-from .joining import resolve
-from .overlay import slab_tetrahedra
+from .frames import Frames
+from .joining import Join, clusters, join
+from .memo import Memo
+from .overlay import Slab, slab_between
+from .refinement import Section, Truth, refine
 from .surface import make_surface
 from .toolpath import Curve, Plane, Toolpath
-from .triangulation import Region, triangulate
+from .triangulation import Lattice, Region, triangulate
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+BUNDLE = 16
+"""Sections put together at a time."""
+
+EPSILON = 2e-3
+"""How far joins move points, as a share of the layer thickness."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A conforming tetrahedral mesh between the base and the last nozzle plane of a toolpath.
+    """A stack of sections with what lies between them: a conforming tetrahedral mesh of the part.
 
     Attributes:
-        points: (u, v, w) with w in mm at the nominal thickness, shape (n, 3).
-        jittered: the same as the connectivity sees them, shape (n, 3).
-        tets: positively oriented in `jittered`, shape (m, 4).
+        sections: from the bottom up.
+        blocks: one a section.
+        slabs: between sections; None beside an empty one.
+        frames: to the world.
     """
 
-    points: Array
-    jittered: Array
-    tets: Indices
+    sections: tuple[Section, ...]
+    blocks: tuple[Block, ...]
+    slabs: tuple[Slab | None, ...]
+    frames: Frames
 
 
-def reconstruct(toolpath: Toolpath, resolution: float | None = None) -> trimesh.Trimesh:
+@dataclass(frozen=True, eq=False)
+class ToolpathMesh:
+    """The toolpath mesh M and how it came about.
+
+    Attributes:
+        surface: closed, oriented outwards, every edge with two faces, every vertex with one fan.
+        joins: places at which the solid touched itself and points were added or moved, by at most 0.003 t; (k, 3), mm.
+        unresolved: gaps (low, high; w in mm) in which M does not hang together as the surface does.
+        solid: whose boundary M is.
+    """
+
+    surface: trimesh.Trimesh
+    joins: Array
+    unresolved: tuple[tuple[float, float], ...]
+    solid: Solid
+
+
+def reconstruct(
+    toolpath: Toolpath,
+    resolution: float | None = None,
+    surface: trimesh.Trimesh | None = None,
+    executor: Executor | None = None,
+) -> trimesh.Trimesh:
     """The toolpath mesh M: a closed, outward oriented 2-manifold through the curves.
 
     Args:
         toolpath: closed curves, interior left.
         resolution: L_R that the curves were sampled with, mm; default the layer thickness.
+        surface: that the toolpath was sliced from, if it is known.
+        executor: works on layers side by side.
 
     Raises:
         ToolpathError: no curves, open curves, or curves of a layer that touch or cross.
     """
+    return toolpath_mesh(toolpath, resolution, surface, executor=executor).surface
+
+
+def toolpath_mesh(
+    toolpath: Toolpath,
+    resolution: float | None = None,
+    surface: trimesh.Trimesh | None = None,
+    *,
+    edited: AbstractSet[int] = frozenset(),
+    memo: Memo | None = None,
+    executor: Executor | None = None,
+) -> ToolpathMesh:
+    """M with its solid and its joins.
+
+    Args:
+        toolpath, resolution, surface, executor: see `reconstruct`.
+        edited: layers that are no longer sections of the surface.
+        memo: with it, only what has changed since the last call is built again.
+    """
     step = toolpath.thickness if resolution is None else float(resolution)
-    body = solid(toolpath, step)
-    points, faces = resolve(body.points, body.jittered, body.tets, 3e-3 * toolpath.thickness)
-    used, index = np.unique(faces, return_inverse=True)
-    return make_surface(Frames(toolpath).to_world(points[used]), index.reshape(-1, 3))
+    memo = Memo() if memo is None else memo
+    body, unresolved = _solid(toolpath, step, surface, edited, memo, executor)
+    mesh, joins = _boundary(body, EPSILON * toolpath.thickness, memo, executor)
+    memo.end_round()
+    return ToolpathMesh(mesh, joins, tuple(unresolved), body)
 
 
-def solid(toolpath: Toolpath, resolution: float) -> Solid:
-    """The tetrahedra whose boundary M is, in the toolpath's (u, v, w) space."""
+def _solid(
+    toolpath: Toolpath,
+    resolution: float,
+    surface: trimesh.Trimesh | None,
+    edited: AbstractSet[int],
+    memo: Memo,
+    executor: Executor | None,
+) -> tuple[Solid, list[tuple[float, float]]]:
     t = toolpath.thickness
-    regions = [
-        triangulate([_closed(c, i) for c in layer.curves], resolution, seed=i, where=f"layer {i}")
-        for i, layer in enumerate(toolpath.layers)
-    ]
-    if not any(len(region) for region in regions):
+    planes = (plane for layer in toolpath.layers for plane in (layer.slicing, layer.nozzle))
+    frames = memo.map(_frames, [(0.5 * t, toolpath.base, *planes)])[0]
+    boxes = memo.map(_bounds, [(layer.curves, i) for i, layer in enumerate(toolpath.layers) if layer.curves])
+    if not boxes:
         raise ToolpathError("the toolpath has no curves: there is nothing to reconstruct")
-    first = np.cumsum([0, *(len(region) for region in regions)])
-    points = [_raised(region.points, (i + 0.5) * t) for i, region in enumerate(regions)]
-    jittered = [_raised(region.jittered, (i + 0.5) * t) for i, region in enumerate(regions)]
-    tets: list[Indices] = []
-    held = [np.zeros(len(region), np.bool_) for region in regions]
-    for i, (lower, upper) in enumerate(pairwise(regions)):
-        slab = slab_tetrahedra(lower, upper, resolution)
-        tets.append(slab + first[i])
-        for layer, offset, count in ((i, 0, len(lower)), (i + 1, len(lower), len(upper))):
-            used = slab[(slab >= offset) & (slab < offset + count)] - offset
-            held[layer][used] = True
-    total = int(first[-1])
-    for i, region in enumerate(regions):
-        if not len(region):
-            continue
-        below = i == 0 or not len(regions[i - 1])
-        above = i == len(regions) - 1 or not len(regions[i + 1])
-        alone = _untouched(region, held[i])
-        for carried, height in ((below, i * t), (above, (i + 1.0) * t)):
-            triangles = region.triangles if carried else region.triangles[alone]
-            if not len(triangles):
-                continue
-            corners, local = np.unique(triangles, return_inverse=True)
-            points.append(_raised(region.points[corners], height))
-            jittered.append(_raised(region.jittered[corners], height))
-            tets.append(_prisms(triangles + first[i], local.reshape(-1, 3) + total))
-            total += len(corners)
-    J = np.vstack(jittered)
-    return Solid(np.vstack(points), J, _positive(J, np.vstack(tets)))
+    extent = np.array(boxes)
+    lattice = Lattice.around(extent[:, :2].min(axis=0), extent[:, 2:].max(axis=0))
+    u, v = lattice.origin
+    regions = memo.map(
+        _region,
+        [(layer.curves, u, v, lattice.unit, resolution, i) for i, layer in enumerate(toolpath.layers)],
+        executor,
+    )
+    sections = [Section((i + 0.5) * t, region) for i, region in enumerate(regions)]
+    unresolved: list[tuple[float, float]] = []
+    if surface is not None:
+        truth = memo.map(Truth, [(surface, frames)])[0]
+        sections, unresolved = refine(sections, edited, truth, lattice, resolution, memo, executor)
+    slabs = _slabs(sections, memo, executor)
+    beside = [None, *slabs, None]
+    w = [section.w for section in sections]
+    down = [0.0, *((a + b) / 2.0 for a, b in pairwise(w))]
+    up = [*((a + b) / 2.0 for a, b in pairwise(w)), frames.top]
+    blocks = memo.map(
+        block,
+        [(s.region, s.w, down[i], up[i], beside[i], beside[i + 1]) for i, s in enumerate(sections)],
+        executor,
+    )
+    return Solid(tuple(sections), tuple(blocks), tuple(slabs), frames), unresolved
 
 
-class Frames:
-    """The map from (u, v, w) to the world: at w = k t the base or nozzle planes, at (k + 1/2) t the slicing planes."""
-
-    def __init__(self, toolpath: Toolpath) -> None:
-        planes: list[Plane] = [toolpath.base]
-        for layer in toolpath.layers:
-            planes += [layer.slicing, layer.nozzle]
-        self._origins = np.array([plane.origin for plane in planes])
-        self._axes = np.array([[plane.x_axis, plane.y_axis] for plane in planes])
-        self._step = 0.5 * toolpath.thickness
-
-    def to_world(self, points: Array) -> Array:
-        """World places of points (u, v, w), shape (n, 3), mm; between planes linear."""
-        level = points[:, 2] / self._step
-        low = np.clip(np.floor(level + 1e-9).astype(np.int64), 0, len(self._origins) - 2)
-        share = (level - low)[:, None]
-        share = np.where(np.abs(share) < 1e-9, 0.0, share)
-
-        def place(plane: Indices) -> Array:
-            shifted = np.einsum("nk,nkd->nd", points[:, :2], self._axes[plane])
-            return np.asarray(self._origins[plane] + shifted, dtype=np.float64)
-
-        return np.asarray((1.0 - share) * place(low) + share * place(low + 1), dtype=np.float64)
+def _slabs(sections: Sequence[Section], memo: Memo, executor: Executor | None) -> list[Slab | None]:
+    pairs = list(pairwise(section.region for section in sections))
+    full = [i for i, (lower, upper) in enumerate(pairs) if len(lower) and len(upper)]
+    slabs: list[Slab | None] = [None] * len(pairs)
+    for i, slab in zip(full, memo.map(slab_between, [pairs[i] for i in full], executor), strict=True):
+        slabs[i] = slab
+    return slabs
 
 
-def _closed(curve: Curve, layer: int) -> Array:
-    if not curve.closed:
-        raise ToolpathError(f"layer {layer}: an open curve bounds no solid; close it first")
-    return curve.points
+def _boundary(
+    body: Solid, epsilon: float, memo: Memo, executor: Executor | None
+) -> tuple[trimesh.Trimesh, Array]:
+    blocks, frames = body.blocks, body.frames
+    beside = [None, *body.slabs, None]
+    size = [0, *(len(b.points) for b in blocks), 0]
+    seams = memo.map(
+        seam, [(b, beside[i], beside[i + 1], size[i], size[i + 2]) for i, b in enumerate(blocks)], executor
+    )
+    none = Faces(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64))
+    between = [i for i, s in enumerate(body.slabs) if s is not None]
+    sides = [none] * len(blocks)
+    found = memo.map(slab_faces, [(body.slabs[i], seams[i], seams[i + 1]) for i in between])
+    for i, side in zip(between, found, strict=True):
+        sides[i] = side
+    own = memo.map(block_faces, list(zip(blocks, seams, strict=True)))
+    points = memo.map(_places, list(zip(blocks, seams, [frames] * len(blocks), strict=True)))
+    bundles = memo.map(
+        _bundled,
+        [
+            (*points[i : i + BUNDLE], *own[i : i + BUNDLE], *sides[i : i + BUNDLE])
+            for i in range(0, len(blocks), BUNDLE)
+        ],
+    )
+    places = [bundle.points for bundle in bundles]
+    start = np.cumsum([0, *(len(p) for p in places)]).tolist()
+    rows = [(start[k], bundle.free) for k, bundle in enumerate(bundles)]
+    held = [bundle.crowded + start[k] for k, bundle in enumerate(bundles) if len(bundle.crowded)]
+    joins = np.zeros((0, 3))
+    if held:
+        first = np.cumsum([0, *(len(s.kept) for s in seams)])
+        pieces = np.concatenate([s.pieces for s in seams])
+        joined, added = _joined(np.concatenate(held), body, seams, first, pieces, epsilon, memo)
+        rows += [(0, join_faces) for join_faces in joined]
+        places.append(frames.to_world(np.concatenate(added)))
+        joins = np.concatenate(
+            [*(p.points[s.pieces > 0] for p, s in zip(points, seams, strict=True)), places[-1]]
+        )
+    faces = np.empty((sum(len(part) for _, part in rows), 3), np.int64)
+    end = 0
+    for offset, part in rows:
+        begin, end = end, end + len(part)
+        np.add(part, offset, out=faces[begin:end])
+    vertices = np.concatenate(places)
+    if held:
+        vertices, faces = _compact(vertices, faces)
+    return make_surface(vertices, faces), joins
 
 
-def _raised(points: Array, height: float) -> Array:
-    return np.column_stack([points, np.full(len(points), height)])
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """Points and faces of several neighbouring sections, with the slabs above them, numbered from their first point."""
+
+    points: Array
+    free: Indices
+    crowded: Indices
 
 
-def _untouched(region: Region, held: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Triangles of parts of the region that no tetrahedron reaches: islands of a single layer."""
-    label = np.arange(len(region))
-    while True:  # label propagation over triangles; parts are few and small
-        low = label[region.triangles].min(axis=1)
-        spread = label.copy()
-        np.minimum.at(spread, region.triangles, low[:, None])
-        if (spread == label).all():
-            break
-        label = spread[spread]
-    touched = np.zeros(len(region), np.bool_)
-    np.logical_or.at(touched, label, held)
-    return np.asarray(~touched[label[region.triangles[:, 0]]], dtype=np.bool_)
+def _bundled(*parts: Places | Faces) -> Bundle:
+    """Bundle the places, own faces and upper sides of sections, given in three groups in this order.
+
+    A long stack is put together from few bundles, so that an edit copies little piece by piece.
+    """
+    count = len(parts) // 3
+    places = [part.points for part in parts[:count] if isinstance(part, Places)]
+    faces = [part for part in parts[count:] if isinstance(part, Faces)]
+    start = np.cumsum([0, *(len(p) for p in places)]).tolist()
+    offset = start[:count] * 2
+    return Bundle(
+        np.concatenate(places),
+        np.concatenate([part.free + k for k, part in zip(offset, faces, strict=True)]),
+        np.concatenate([part.crowded + k for k, part in zip(offset, faces, strict=True)]),
+    )
 
 
-def _prisms(bottom: Indices, top: Indices) -> Indices:
-    """Prisms between triangles and their copies, three tetrahedra each, cut by vertex order so that they conform."""
-    order = np.argsort(bottom, axis=1)
-    a, b, c = np.take_along_axis(bottom, order, axis=1).T
-    d, e, f = np.take_along_axis(top, order, axis=1).T
-    return np.concatenate([np.column_stack(q) for q in ((a, b, c, f), (a, b, e, f), (a, d, e, f))])
+def _joined(
+    held: Indices,
+    body: Solid,
+    seams: Sequence[Seam],
+    first: Indices,
+    pieces: npt.NDArray[np.int8],
+    epsilon: float,
+    memo: Memo,
+) -> tuple[list[Indices], list[Array]]:
+    """The faces at crowded points after joining, and the points added behind all others (u, v, w)."""
+    corners, local = np.unique(held, return_inverse=True)
+    owner = np.searchsorted(first, corners, side="right") - 1
+    coordinates = np.array(
+        [body.blocks[b].points[seams[b].kept[i]] for b, i in zip(owner, corners - first[owner], strict=True)]
+    )
+    count = pieces[corners]
+    local = local.reshape(held.shape)
+    calls, numbers = [], []
+    for group in clusters(local, count > 0):
+        own, small = np.unique(local[group], return_inverse=True)
+        numbers.append(corners[own])
+        calls.append(
+            (coordinates[own].tobytes(), small.astype(np.int64).tobytes(), count[own].tobytes(), epsilon)
+        )
+    faces, added = [], []
+    total = len(pieces)
+    for number, result in zip(numbers, memo.map(_join, calls), strict=True):
+        rows = np.concatenate([number, np.arange(total, total + len(result.points))])[result.faces]
+        faces.append(rows)
+        added.append(result.points)
+        total += len(result.points)
+    return faces, added
 
 
-def _positive(points: Array, tets: Indices) -> Indices:
-    a, b, c, d = (points[tets[:, k]] for k in range(4))
-    negative = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets = tets.copy()
-    tets[negative] = tets[negative][:, [0, 2, 1, 3]]
-    return tets
+def _join(points: bytes, faces: bytes, pieces: bytes, epsilon: float) -> Join:
+    count = np.frombuffer(pieces, np.int8)
+    return join(
+        np.frombuffer(points).reshape(-1, 3),
+        np.frombuffer(faces, np.int64).reshape(-1, 3),
+        np.flatnonzero(count),
+        lambda v: int(count[v]) if v < len(count) else 1,
+        epsilon,
+    )
+
+
+def _compact(points: Array, faces: Indices) -> tuple[Array, Indices]:
+    """Without the points that joining has cut off."""
+    used = np.zeros(len(points), np.bool_)
+    used[faces.reshape(-1)] = True
+    if used.all():
+        return points, faces
+    number = np.cumsum(used) - 1
+    return points[used], number[faces]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """World places of points, shape (n, 3), mm."""
+
+    points: Array
+
+
+def _places(here: Block, at: Seam, frames: Frames) -> Places:
+    """World places of a block's kept points."""
+    return Places(frames.to_world(here.points[at.kept]))
+
+
+def _frames(step: float, *planes: Plane) -> Frames:
+    return Frames(planes, step)
+
+
+def _bounds(curves: Sequence[Curve], layer: int) -> tuple[float, float, float, float]:
+    """The box around a layer's curves: least u, v and greatest u, v."""
+    for curve in curves:
+        if not curve.closed:
+            raise ToolpathError(f"layer {layer}: an open curve bounds no solid; close it first")
+    points = np.concatenate([curve.points for curve in curves])
+    (a, b), (c, d) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    return a, b, c, d
+
+
+def _region(
+    curves: Sequence[Curve], u: float, v: float, unit: float, resolution: float, layer: int
+) -> Region:
+    lattice = Lattice((u, v), unit)
+    return triangulate([curve.points for curve in curves], lattice, resolution, f"layer {layer}")

@@ -1,10 +1,9 @@
-"""The region of one layer: its Delaunay triangles, and the Voronoi edges that cross them.
+"""The region of one layer: the exact union of its Delaunay triangles to the left of its curves.
 
 The 2D Delaunay triangulation of a layer is computed once and serves the slabs above and below it, so that
-neighbouring slabs agree on the layer between them. Segments of curves ("native" edges) are halved until no other
-point lies in the circle over them (Gabriel's condition): they are then Delaunay edges, and a triangle is inside or
-outside by the direction of any native edge that it has, carried on over all other edges. No point is ever
-tested against a polygon.
+neighbouring slabs agree on the layer between them. Segments of curves are Gabriel edges of it (`delaunay.py`), so a
+triangle is inside or outside by the direction of any of them that it has, carried on over all other edges. No
+point is ever tested against a polygon.
 """
 
 from __future__ import annotations
@@ -15,18 +14,37 @@ from dataclasses import dataclass
 import numba as nb
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import Delaunay, cKDTree
 
+from .delaunay import COINCIDENT, FINE, FLAT, conforming_delaunay
 from .errors import ToolpathError
+from .predicates import LATTICE_BITS, Diagram, circumcenters
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-JITTER = 1e-5
-"""Displacement, as a share of the resolution, that keeps identical layers in general position."""
+SHORTEST = 2e-4
+"""Segments are not halved below this share of the resolution: walls nearer than that count as touching."""
 
-_ROUNDS = 24
-_FAR = 1e7
+
+@dataclass(frozen=True)
+class Lattice:
+    """The integer lattice that decides the connectivity of a toolpath; points are never moved to it.
+
+    Attributes:
+        origin: shape (2,), mm.
+        unit: a power of two, mm; the toolpath lies within 2^29 units of the origin.
+    """
+
+    origin: tuple[float, float]
+    unit: float
+
+    @classmethod
+    def around(cls, low: Array, high: Array) -> Lattice:
+        """For points between two corners, shape (2,), mm; the same for all boxes of nearly that size and place."""
+        half = max(float(np.max(high - low)), 1e-300)
+        step = 2.0 ** np.ceil(np.log2(half))
+        middle = np.round((low + high) / 2.0 / (0.125 * step)) * (0.125 * step)
+        return cls((float(middle[0]), float(middle[1])), float(step * 2.0**-LATTICE_BITS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,163 +52,104 @@ class Region:
     """One layer's region, n points.
 
     Attributes:
-        points: shape (n, 2), mm.
-        jittered: the points as the connectivity sees them, shape (n, 2).
-        following, previous: neighbour on the curve, interior left, shape (n,).
-        triangles: inside the region, corners counter-clockwise, shape (m, 3).
-        centers: circumcentres of the triangles, shape (m, 2).
-        edges: Delaunay edges inside or on the border, shape (k, 2).
-        duals: their Voronoi edges, shape (k, 4): from (x, y), inside, to (x, y).
-        native: whether an edge is a segment of a curve, shape (k,).
-        border: where along its dual a native edge is crossed; beyond it is outside; shape (k,).
+        points: of the curves, halved segments included, shape (n, 2), mm.
+        diagram: their triangulation.
+        triangles: those inside the region, turning left, shape (k, 3).
     """
 
     points: Array
-    jittered: Array
-    following: Indices
-    previous: Indices
+    diagram: Diagram
     triangles: Indices
-    centers: Array
-    edges: Indices
-    duals: Array
-    native: npt.NDArray[np.bool_]
-    border: Array
 
     def __len__(self) -> int:
         return len(self.points)
 
 
-def triangulate(curves: Sequence[Array], resolution: float, seed: int, where: str) -> Region:
+def triangulate(curves: Sequence[Array], lattice: Lattice, resolution: float, where: str) -> Region:
     """The region to the left of closed curves.
 
     Args:
         curves: each of shape (n, 2), mm, outer ones counter-clockwise, inner ones clockwise.
-        resolution: L_R, mm; sets how far segments are halved and the size of the jitter.
-        seed: of the jitter; different for neighbouring layers.
+        lattice: common to all layers of a toolpath.
+        resolution: L_R, mm.
         where: names the layer in messages.
 
     Raises:
         ToolpathError: curves touch, cross, or do not enclose a region on their left.
     """
     if not curves:
-        nothing = np.zeros((0, 2))
-        none = np.zeros(0, np.int64)
-        pairs, triples = np.zeros((0, 2), np.int64), np.zeros((0, 3), np.int64)
-        return Region(
-            nothing,
-            nothing,
-            none,
-            none,
-            triples,
-            nothing,
-            pairs,
-            np.zeros((0, 4)),
-            np.zeros(0, bool),
-            np.zeros(0),
-        )
-    curves = halve_encroached(curves, resolution)
-    points = np.vstack(curves)
-    n = len(points)
+        return region_of(np.zeros((0, 2)), Lattice((0.0, 0.0), 1.0))
+    points = np.ascontiguousarray(np.vstack(curves), dtype=np.float64)
     ends = np.cumsum([len(curve) for curve in curves])
-    following = np.arange(1, n + 1)
+    following = np.arange(1, len(points) + 1)
     following[ends - 1] = np.r_[0, ends[:-1]]
-    previous = np.empty(n, np.int64)
-    previous[following] = np.arange(n)
-    jitter = np.random.default_rng(seed).uniform(-1.0, 1.0, points.shape)
-    jittered = points + JITTER * resolution * jitter
-    delaunay = Delaunay(jittered)
-    triangles, neighbours = _counter_clockwise(
-        jittered, delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
+    state, at, points, P, following, triangles, across, corner = conforming_delaunay(
+        points, following, np.array(lattice.origin), lattice.unit, SHORTEST * resolution
     )
-    inside, missing, mixed = _classify(triangles, neighbours, following)
-    if missing or mixed or not inside.any():
-        fault = points[missing - 1] if missing else points[mixed - 1] if mixed else points[0]
-        what = "touch or cross" if missing or mixed else "enclose nothing on their left"
+    if state == FLAT:
+        raise ToolpathError(f"{where}: all points lie on one line and enclose nothing")
+    if state != FINE:
+        place = points[at]
+        what = "two points coincide" if state == COINCIDENT else "curves touch or cross"
         raise ToolpathError(
-            f"{where}: curves {what} near ({fault[0]:.3f}, {fault[1]:.3f}) in the plane; "
+            f"{where}: {what} near ({place[0]:.3f}, {place[1]:.3f}) in the plane; curves touch or cross there: "
             "unite bodies that overlap, or sample finer where walls nearly touch"
         )
-    centers = _circumcenters(jittered, triangles)
-    edges, duals, native, border = _duals(jittered, triangles, neighbours, inside, centers, following)
-    return Region(
-        points,
-        jittered,
-        following,
-        previous,
-        triangles[inside],
-        centers[inside],
-        edges,
-        duals,
-        native,
-        border,
-    )
+    inside, disagreement = _classify(triangles, across, following)
+    if disagreement or not inside.any():
+        place = points[max(disagreement - 1, 0)]
+        raise ToolpathError(
+            f"{where}: curves enclose nothing on their left near ({place[0]:.3f}, {place[1]:.3f}) in the plane; outer "
+            "curves run counter-clockwise, inner ones clockwise"
+        )
+    return _region(points, P, following, triangles, across, corner, inside)
 
 
-def halve_encroached(curves: Sequence[Array], resolution: float) -> list[Array]:
-    """Insert midpoints until no point lies inside the circle over any segment (or segments are very short)."""
-    loops = [np.asarray(curve, dtype=np.float64) for curve in curves]
-    shortest = 1e-3 * resolution
-    for _ in range(_ROUNDS):
-        tree = cKDTree(np.vstack(loops))
-        changed = False
-        for i, loop in enumerate(loops):
-            after = np.roll(loop, -1, axis=0)
-            middle = 0.5 * (loop + after)
-            radius = 0.5 * np.linalg.norm(after - loop, axis=1)
-            nearest, _ = tree.query(middle)
-            halve = np.flatnonzero((nearest < radius * (1.0 - 1e-4)) & (radius > shortest))
-            if len(halve):
-                changed = True
-                loops[i] = np.insert(loop, halve + 1, middle[halve], axis=0)
-        if not changed:
-            break
-    return loops
+def region_of(points: Array, lattice: Lattice) -> Region:
+    """All Delaunay triangles of points that lie on no curve, shape (n, 2), mm."""
+    if not len(points):
+        pairs, triples, none = np.zeros((0, 2)), np.zeros((0, 3), np.int64), np.zeros(0, np.int64)
+        return _region(pairs, pairs.astype(np.int64), none, triples, triples, none, np.zeros(0, np.bool_))
+    state, at, _, P, following, triangles, across, corner = conforming_delaunay(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.arange(len(points)), np.array(lattice.origin), lattice.unit, 0.0,
+    )  # fmt: skip
+    if state != FINE:
+        raise ToolpathError(f"point {at} lies on another, or all points lie on one line")
+    return _region(points, P, following, triangles, across, corner, triangles[:, 2] >= 0)
 
 
-def _counter_clockwise(points: Array, triangles: Indices, neighbours: Indices) -> tuple[Indices, Indices]:
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    turned = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) < (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    triangles[turned] = triangles[turned][:, [0, 2, 1]]
-    neighbours[turned] = neighbours[turned][:, [0, 2, 1]]
-    return triangles, neighbours
+def _region(
+    points: Array, P: Indices, following: Indices, triangles: Indices, across: Indices, at: Indices,
+    inside: npt.NDArray[np.bool_],
+) -> Region:  # fmt: skip
+    inner = np.flatnonzero(inside)
+    centers, bounds = circumcenters(P, triangles)
+    diagram = Diagram(P, following, triangles, across, at, inside, inner, centers, bounds)
+    return Region(points, diagram, triangles[inner])
 
 
-def _circumcenters(points: Array, triangles: Indices) -> Array:
-    a = points[triangles[:, 0]]
-    b = points[triangles[:, 1]] - a
-    c = points[triangles[:, 2]] - a
-    d = 2.0 * (b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0])
-    d = np.where(d == 0.0, 1e-300, d)
-    bb, cc = (b * b).sum(axis=1), (c * c).sum(axis=1)
-    return a + np.column_stack([c[:, 1] * bb - b[:, 1] * cc, b[:, 0] * cc - c[:, 0] * bb]) / d[:, None]
-
-
-@nb.njit(cache=True)
-def _classify(
-    triangles: Indices, neighbours: Indices, following: Indices
-) -> tuple[npt.NDArray[np.bool_], int, int]:
-    """Which triangles are inside; 1 + a point whose native edge is missing, 1 + a point where sides disagree."""
+@nb.njit(cache=True, nogil=True)
+def _classify(triangles: Indices, across: Indices, following: Indices) -> tuple[npt.NDArray[np.bool_], int]:
+    """Which triangles are inside, and 1 + a point at which two sides disagree, or 0."""
     m = len(triangles)
     side = np.zeros(m, np.int8)
-    found = np.zeros(len(following), np.bool_)
     stack = np.empty(m, np.int64)
     top = 0
-    mixed = 0
+    disagreement = 0
     for t in range(m):
+        here = 2 if triangles[t, 2] < 0 else 0
         for k in range(3):
             i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-            here = 0
-            if following[i] == j:
-                here = 1
-                found[i] = True
-            elif following[j] == i:
-                here = 2
-                found[j] = True
-            if here:
-                if side[t] and side[t] != here:
-                    mixed = i + 1
-                side[t] = here
-        if side[t]:
+            if i < 0 or j < 0:
+                continue
+            now = 1 if following[i] == j else (2 if following[j] == i else 0)
+            if now:
+                if here and here != now:
+                    disagreement = i + 1
+                here = now
+        side[t] = here
+        if here:
             stack[top] = t
             top += 1
     while top:
@@ -198,62 +157,13 @@ def _classify(
         t = stack[top]
         for k in range(3):
             i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-            if following[i] == j or following[j] == i:
+            if i >= 0 and j >= 0 and (following[i] == j or following[j] == i):
                 continue
-            u = neighbours[t, k]
-            if u < 0:
-                continue
+            u = across[t, k]
             if side[u] == 0:
                 side[u] = side[t]
                 stack[top] = u
                 top += 1
             elif side[u] != side[t]:
-                mixed = i + 1
-    missing = 0
-    for i in range(len(following)):
-        if not found[i]:
-            missing = i + 1
-    return side == 1, missing, mixed
-
-
-@nb.njit(cache=True)
-def _duals(
-    points: Array,
-    triangles: Indices,
-    neighbours: Indices,
-    inside: npt.NDArray[np.bool_],
-    centers: Array,
-    following: Indices,
-) -> tuple[Indices, Array, npt.NDArray[np.bool_], Array]:
-    most = 3 * len(triangles)
-    edges = np.empty((most, 2), np.int64)
-    duals = np.empty((most, 4))
-    native = np.zeros(most, np.bool_)
-    border = np.full(most, 2.0)
-    n = 0
-    for t in range(len(triangles)):
-        if not inside[t]:
-            continue
-        for k in range(3):
-            u = neighbours[t, k]
-            i, j = triangles[t, (k + 1) % 3], triangles[t, (k + 2) % 3]
-            is_native = following[i] == j or following[j] == i
-            if not is_native and (u < t or u < 0):
-                continue  # an interior edge is taken once, from the triangle with the lower index
-            edges[n, 0], edges[n, 1] = i, j
-            duals[n, 0], duals[n, 1] = centers[t, 0], centers[t, 1]
-            if u >= 0:
-                duals[n, 2], duals[n, 3] = centers[u, 0], centers[u, 1]
-            else:
-                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                size = np.sqrt(dx * dx + dy * dy)
-                duals[n, 2] = centers[t, 0] + _FAR * dy / size
-                duals[n, 3] = centers[t, 1] - _FAR * dx / size
-            if is_native:
-                native[n] = True
-                ex, ey = duals[n, 2] - duals[n, 0], duals[n, 3] - duals[n, 1]
-                size2 = ex * ex + ey * ey
-                mx, my = 0.5 * (points[i, 0] + points[j, 0]), 0.5 * (points[i, 1] + points[j, 1])
-                border[n] = ((mx - duals[n, 0]) * ex + (my - duals[n, 1]) * ey) / size2 if size2 > 0 else 1.0
-            n += 1
-    return edges[:n].copy(), duals[:n].copy(), native[:n].copy(), border[:n].copy()
+                disagreement = max(i, j) + 1
+    return side == 1, disagreement
