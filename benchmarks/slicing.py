@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 
 from twins import Plane, layer_planes
-from twins.slicing import SurfaceCutter
+from twins.cutter import SurfaceCutter
 
 SIZE = 500.0
 PERIOD = 200.0

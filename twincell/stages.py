@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,11 +23,13 @@ from twins import (
     reconstruct,
     save_surface,
     save_toolpath,
-    slice_surface,
+    slice_reporting,
 )
 
 from .errors import JobError
 from .job import Job
+
+LOG = logging.getLogger(__name__)
 
 MM = {"mm": 1.0, "m": 1000.0, "in": 25.4}
 
@@ -100,7 +103,9 @@ def slice_job(job: Job) -> Sliced:
     slicing = job.settings.slicing
     try:
         planes = slicing.planes(float(np.asarray(surface.vertices)[:, 2].max()))
-        toolpath = slice_surface(surface, planes, slicing.resolution)
+        toolpath, remarks = slice_reporting(surface, planes, slicing.resolution)
+        for remark in remarks:
+            LOG.warning("%s: %s", job.part, remark)
         over = planes.nozzle[-1].height_of(np.asarray(surface.vertices))
         if float(over.max()) > FIT * planes.thickness:
             raise SurfaceError(

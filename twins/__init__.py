@@ -5,8 +5,9 @@ from .exchange import inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
 from .planes import PlaneStack, custom_planes, layer_planes
 from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
-from .slicing import slice_surface
-from .surface import check_surface, make_surface, read_surface, repair_surface, signed_volume
+from .repair import repair_surface
+from .slicing import slice_reporting, slice_surface
+from .surface import check_surface, make_surface, read_surface, signed_volume
 from .toolpath import Curve, Layer, Plane, Toolpath
 from .twin import Twin
 
@@ -37,6 +38,7 @@ __all__ = [
     "save_surface",
     "save_toolpath",
     "signed_volume",
+    "slice_reporting",
     "slice_surface",
     "toolpath_mesh",
 ]

@@ -22,11 +22,12 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from .cutter import SurfaceCutter
 from .frames import Frames
+from .half_edges import opposite_half_edges
 from .memo import Memo
 from .overlay import Slab, slab_between
 from .sampling import sample_layer
-from .slicing import SurfaceCutter, opposite_half_edges
 from .triangulation import Lattice, Region, triangulate
 
 Array = npt.NDArray[np.float64]

@@ -6,7 +6,8 @@ points. This file is the doorway: whatever comes in leaves as such a surface, or
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import logging
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,30 +16,18 @@ import numpy.typing as npt
 import trimesh
 
 from .errors import FormatError, SurfaceError
+from .holes import boundary_loops, hole_at
+from .mesh_edges import edge_faults, equal_rows, middle_of
+from .toolpath import FAR
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+# trimesh logs whole tracebacks of what it cannot read; without a handler Python prints them.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 SUFFIXES = (".stl", ".ply", ".obj", ".3mf")
-
-
-@dataclass(frozen=True)
-class Hole:
-    """A hole that was closed.
-
-    Attributes:
-        center: mean of its rim, shape (3,), mm.
-        edges: number of edges of the rim.
-        length: of the rim, mm.
-    """
-
-    center: tuple[float, float, float]
-    edges: int
-    length: float
-
-    def __str__(self) -> str:
-        x, y, z = self.center
-        return f"hole of {self.edges} edges, {self.length:.1f} mm around, at ({x:.1f}, {y:.1f}, {z:.1f})"
 
 
 def make_surface(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> trimesh.Trimesh:
@@ -52,7 +41,7 @@ def read_surface(path: Path) -> trimesh.Trimesh:
     """The mesh in an STL, PLY, OBJ or 3MF file, in the file's unit, with equal vertices merged.
 
     Raises:
-        FormatError: no such file, an unknown ending, or a file that holds no triangles.
+        FormatError: no such file, an unknown ending, a file that holds no triangles or a point beyond 1 km.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise FormatError(
@@ -61,22 +50,31 @@ def read_surface(path: Path) -> trimesh.Trimesh:
     if not path.is_file():
         raise FormatError(f"{path}: no such file")
     try:
-        loaded: Any = trimesh.load(path, process=False, force="mesh", skip_materials=True)
-        vertices, faces = (
-            np.asarray(loaded.vertices, dtype=np.float64),
-            np.asarray(loaded.faces, dtype=np.int64),
-        )
+        # What is wrong with the numbers of a broken file is said below, not by NumPy's warnings.
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            loaded: Any = trimesh.load(path, process=False, force="mesh", skip_materials=True)
+            vertices, faces = (
+                np.asarray(loaded.vertices, dtype=np.float64),
+                np.asarray(loaded.faces, dtype=np.int64),
+            )
     except Exception as error:
         raise FormatError(
             f"{path}: cannot be read as {path.suffix[1:].upper()}: {_first_line(error)}"
         ) from error
     if len(faces) == 0 or len(vertices) == 0:
         raise FormatError(f"{path}: holds no triangles")
-    if not np.isfinite(vertices).all():
-        bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
-        raise FormatError(f"{path}: vertex {bad} is not a finite point")
+    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
+        raise FormatError(
+            f"{path}: its vertices do not have three coordinates each, or its faces three corners"
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise FormatError(f"{path}: a face names vertex {faces.max()}, but there are {len(vertices)}")
+        wrong = faces.max() if faces.min() >= 0 else faces.min()
+        raise FormatError(f"{path}: a face names vertex {wrong}, but there are {len(vertices)}")
+    if len(bad := np.flatnonzero(~(np.abs(vertices) <= FAR).all(axis=1))):
+        point = ", ".join(f"{value:.6g}" for value in vertices[bad[0]])
+        kind = "is not within 1 km" if np.isfinite(vertices[bad[0]]).all() else "is not a finite point"
+        raise FormatError(f"{path}: vertex {bad[0]} ({point}) {kind}; check the file, and its unit")
     surface = welded(vertices, faces)
     if len(surface.faces) == 0:
         raise FormatError(f"{path}: all its triangles are degenerate")
@@ -85,8 +83,9 @@ def read_surface(path: Path) -> trimesh.Trimesh:
 
 def welded(vertices: Array, faces: Faces) -> trimesh.Trimesh:
     """Vertices at exactly the same point merged; triangles that lose a corner by it dropped."""
-    points, index = np.unique(vertices + 0.0, axis=0, return_inverse=True)
-    corners = index.reshape(-1)[faces]
+    first, index, _ = equal_rows(vertices + 0.0)
+    points = vertices[first]
+    corners = index[faces]
     proper = (
         (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2]) & (corners[:, 2] != corners[:, 0])
     )
@@ -105,24 +104,7 @@ def check_surface(surface: trimesh.Trimesh) -> None:
         raise SurfaceError("the surface is empty")
     if not np.isfinite(vertices).all():
         raise SurfaceError("the surface has a vertex that is not a finite point")
-    open_edges, crowded, twisted = _faults(faces)
-    if len(crowded):
-        raise SurfaceError(
-            f"the surface is not manifold: {len(crowded)} edges have more than two faces, the first at "
-            f"{_place(vertices, crowded[0])}; make one solid of the bodies that touch there"
-        )
-    if len(open_edges):
-        holes = boundary_loops(faces)
-        places = "; ".join(str(_hole(vertices, rim)) for rim in holes[:5])
-        more = f"; and {len(holes) - 5} more" if len(holes) > 5 else ""
-        raise SurfaceError(
-            f"the surface is open: {len(open_edges)} open edges in {len(holes)} holes: {places}{more}"
-        )
-    if len(twisted):
-        raise SurfaceError(
-            f"the surface is not consistently oriented: {len(twisted)} edges have two faces that turn the same way, "
-            f"the first at {_place(vertices, twisted[0])}; flip the faces on one side"
-        )
+    check_edges(vertices, faces)
     size = float(np.ptp(vertices, axis=0).max())
     if abs(signed_volume(surface)) < 1e-12 * size**3:
         raise SurfaceError("the surface encloses no volume; make it a closed solid")
@@ -130,41 +112,25 @@ def check_surface(surface: trimesh.Trimesh) -> None:
         raise SurfaceError("the surface is inside out: its normals point inwards; flip all faces")
 
 
-def repair_surface(surface: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
-    """Put right what can be put right without a choice, and say so.
-
-    Duplicate faces are dropped, faces of one body turned the same way, a body turned inside out flipped, holes
-    closed by a fan to the middle of their rim.
-
-    Returns:
-        the surface, and one sentence for each thing that was changed.
-
-    Raises:
-        SurfaceError: what remains does not bound a solid.
-    """
-    said: list[str] = []
-    faces = np.asarray(surface.faces, dtype=np.int64)
-    vertices = np.asarray(surface.vertices, dtype=np.float64)
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    if len(first) < len(faces):
-        said.append(f"dropped {len(faces) - len(first)} duplicate faces")
-        faces = faces[np.sort(first)]
-    _, _, twisted = _faults(faces)
+def check_edges(vertices: Array, faces: Faces) -> None:
+    open_edges, crowded, twisted = edge_faults(faces)
+    if len(crowded):
+        raise SurfaceError(
+            f"the surface is not manifold: {len(crowded)} edges have more than two faces, the first at "
+            f"{middle_of(vertices, crowded[0])}; make one solid of the bodies that touch there"
+        )
+    if len(open_edges):
+        holes = boundary_loops(faces)
+        places = "; ".join(str(hole_at(vertices, rim)) for rim in holes[:5])
+        more = f"; and {len(holes) - 5} more" if len(holes) > 5 else ""
+        raise SurfaceError(
+            f"the surface is open: {len(open_edges)} open edges in {len(holes)} holes: {places}{more}"
+        )
     if len(twisted):
-        mesh = make_surface(vertices, faces)
-        trimesh.repair.fix_winding(mesh)  # type: ignore[no-untyped-call]
-        faces = np.asarray(mesh.faces, dtype=np.int64)
-        said.append(f"turned faces at {len(twisted)} edges to one orientation")
-    rims = boundary_loops(faces)
-    if rims:
-        vertices, faces = _close(vertices, faces, rims)
-        said.extend(f"closed a {_hole(vertices, rim)}" for rim in rims)
-    repaired = make_surface(vertices, faces)
-    if signed_volume(repaired) < 0:
-        repaired = make_surface(vertices, faces[:, ::-1])
-        said.append("flipped all faces: they pointed inwards")
-    check_surface(repaired)
-    return repaired, said
+        raise SurfaceError(
+            f"the surface is not consistently oriented: {len(twisted)} edges have two faces that turn the same way, "
+            f"the first at {middle_of(vertices, twisted[0])}; flip the faces on one side"
+        )
 
 
 def signed_volume(surface: trimesh.Trimesh) -> float:
@@ -172,72 +138,6 @@ def signed_volume(surface: trimesh.Trimesh) -> float:
     corners = np.asarray(surface.vertices)[np.asarray(surface.faces)]
     corners = corners - corners.reshape(-1, 3).mean(axis=0)
     return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
-
-
-def boundary_loops(faces: Faces) -> list[npt.NDArray[np.int64]]:
-    """Rims of the holes of a mesh, each as vertex indices in the order that a closing face would have."""
-    open_edges, _, _ = _faults(faces)
-    following: dict[int, list[int]] = {}
-    for start, end in open_edges:
-        following.setdefault(int(end), []).append(int(start))
-    loops: list[npt.NDArray[np.int64]] = []
-    while following:
-        # Walk until a vertex comes back: where holes touch in a vertex this splits them into simple rims.
-        walk = [next(iter(following))]
-        seen = {walk[0]: 0}
-        while walk and following.get(walk[-1]):
-            step = following[walk[-1]].pop()
-            if step in seen:
-                at = seen[step]
-                loops.append(np.array(walk[at:], dtype=np.int64))
-                for vertex in walk[at + 1 :]:
-                    del seen[vertex]
-                walk = walk[: at + 1]
-            else:
-                seen[step] = len(walk)
-                walk.append(step)
-        following = {vertex: ends for vertex, ends in following.items() if ends}
-    return [loop for loop in loops if len(loop) >= 3]
-
-
-def _faults(faces: Faces) -> tuple[Faces, Faces, Faces]:
-    """Open edges (directed, as their face has them), edges of more than two faces, edges of two like-turned faces."""
-    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    _, index, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
-    index = index.reshape(-1)
-    forward = np.zeros(len(count), dtype=np.int64)
-    np.add.at(forward, index, np.where(directed[:, 0] < directed[:, 1], 1, -1))
-    first = np.full(len(count), len(directed))
-    np.minimum.at(first, index, np.arange(len(directed)))
-    return (
-        directed[first[count == 1]],
-        directed[first[count > 2]],
-        directed[first[(count == 2) & (forward != 0)]],
-    )
-
-
-def _close(vertices: Array, faces: Faces, rims: list[npt.NDArray[np.int64]]) -> tuple[Array, Faces]:
-    points, patches = [vertices], [faces]
-    at = len(vertices)
-    for rim in rims:
-        if len(rim) == 3:
-            patches.append(rim[None])
-            continue
-        points.append(vertices[rim].mean(axis=0)[None])
-        patches.append(np.column_stack([rim, np.roll(rim, -1), np.full(len(rim), at)]))
-        at += 1
-    return np.concatenate(points), np.concatenate(patches)
-
-
-def _hole(vertices: Array, rim: npt.NDArray[np.int64]) -> Hole:
-    ring = vertices[rim]
-    x, y, z = (float(value) for value in ring.mean(axis=0))
-    return Hole((x, y, z), len(rim), float(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum()))
-
-
-def _place(vertices: Array, edge: npt.NDArray[np.int64]) -> str:
-    x, y, z = vertices[edge].mean(axis=0)
-    return f"({x:.3f}, {y:.3f}, {z:.3f})"
 
 
 def _first_line(error: Exception) -> str:

@@ -19,7 +19,7 @@ from .errors import ToolpathError
 from .memo import Memo
 from .planes import PlaneStack
 from .reconstruction import ToolpathMesh, toolpath_mesh
-from .slicing import slice_surface
+from .slicing import slice_reporting
 from .toolpath import Curve, Layer, Toolpath
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +47,8 @@ class Twin:
             SurfaceError: the mesh does not bound a solid.
             PlanesError: planes that cross inside the part.
         """
-        self._begin(slice_surface(surface, planes, resolution), surface, planes, resolution, executor)
+        toolpath, remarks = slice_reporting(surface, planes, resolution)
+        self._begin(toolpath, surface, planes, resolution, executor, remarks)
 
     @classmethod
     def from_toolpath(
@@ -71,7 +72,9 @@ class Twin:
         planes: PlaneStack | None,
         resolution: float | None,
         executor: Executor | None,
+        remarks: Sequence[str] = (),
     ) -> None:
+        self._remarks = remarks
         self._toolpath = toolpath
         self._source = surface
         self._planes = planes
@@ -85,6 +88,11 @@ class Twin:
     def edited_last(self) -> Literal["surface", "toolpath"]:
         """Which side the other follows from."""
         return "surface" if self._source is not None and not self._edited else "toolpath"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the last slicing had to say: loops too small to be curves, planes moved off a saddle."""
+        return tuple(self._remarks)
 
     @property
     def toolpath(self) -> Toolpath:
@@ -169,7 +177,8 @@ class Twin:
                 slicing=tuple(stack.slicing[i] for i in some),
                 nozzle=tuple(stack.nozzle[i] for i in some),
             )
-            sliced = slice_surface(surface, part, self._step)
+            sliced, remarks = slice_reporting(surface, part, self._step, some)
+            self._remarks = remarks
             if len(some) == len(stack):
                 self._toolpath = sliced
             else:

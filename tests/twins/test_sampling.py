@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twins import ToolpathError
-from twins.sampling import are_apart, sample_layer, sample_layer_reporting
+from twins.sampling import sample_layer, sample_layer_reporting
+from twins.simplicity import are_apart
 
 
 def ring(radius, count=2000, center=(0.0, 0.0), clockwise=False):
@@ -172,7 +173,11 @@ def test_small_holes_behind_the_chords_stay_inside():
 
 
 def test_walls_thinner_than_the_sagitta_do_not_cross():
-    polygons = [ring(100.0, 4001), ring(99.7, 3000, clockwise=True)]
+    half_a_chord = np.radians(5.8)
+    turn = np.array(
+        [[np.cos(half_a_chord), -np.sin(half_a_chord)], [np.sin(half_a_chord), np.cos(half_a_chord)]]
+    )
+    polygons = [ring(100.0, 4001), ring(99.7, 3000, clockwise=True) @ turn]
     curves = sample_layer(polygons, 20.0)
     assert lines(curves).is_simple
     assert containment(curves) == containment(polygons)
@@ -201,6 +206,16 @@ def test_a_needle_is_kept_and_does_not_refine_its_neighbours():
     assert len(circle) <= 2.0 * np.pi * 100.0 / 10.0 * 1.05
     assert len(thin) >= 6
     assert area(thin) == pytest.approx(0.5 * 100.0 * 1e-4, rel=0.2)
+
+
+def test_edges_shorter_than_rounding_make_no_corners():
+    """A cut close to a vertex of a mesh leaves edges so short that their direction means nothing."""
+    smooth = ring(160.0, 3000)
+    rng = np.random.default_rng(2)
+    at = np.unique(rng.integers(1, 3000, 40))
+    specks = smooth[at - 1] + rng.uniform(-5e-6, 5e-6, (len(at), 2))
+    (points,) = sample_layer([np.insert(smooth, at, specks, axis=0)], 10.0)
+    assert steps(points).max() / steps(points).min() < 1.02
 
 
 def test_noise_below_the_floor_is_not_followed():

@@ -11,11 +11,14 @@ from twins import (
     custom_planes,
     layer_planes,
     make_surface,
+    reconstruct,
     signed_volume,
     slice_surface,
 )
+from twins.cutter import SurfaceCutter
+from twins.half_edges import opposite_half_edges
 from twins.sampling import sample_layer
-from twins.slicing import SurfaceCutter, cut, opposite_half_edges
+from twins.slicing import cut, slice_reporting
 
 BED = Plane.horizontal()
 
@@ -325,3 +328,31 @@ def test_sampling_deviates_by_the_sagitta_of_a_segment(resolution):
     (points,) = sample_layer([circle], resolution)
     middle = 0.5 * (points + np.roll(points, -1, axis=0))
     assert (100.0 - np.linalg.norm(middle, axis=1)).max() <= resolution**2 / 800.0 * 1.05
+
+
+@pytest.mark.parametrize("near", [90.0, 240.0])
+def test_a_plane_through_a_saddle_gives_curves_that_do_not_touch(near):
+    surface = torus(standing=True)
+    heights = np.unique(surface.vertices[:, 2])
+    saddle = heights[np.argmin(np.abs(heights - near))]
+    flat = [Plane.horizontal(z) for z in (saddle - 10.0, saddle, saddle + 10.0)]
+    nozzle = [Plane.horizontal(z + 5.0) for z in (saddle - 10.0, saddle, saddle + 10.0)]
+    toolpath, said = slice_reporting(surface, custom_planes(BED, flat, nozzle), 5.0)
+    assert len(said) == 1
+    assert "layer 1 is cut" in said[0]
+    rings = [shapely.LinearRing(curve.points) for curve in toolpath.layers[1].curves]
+    assert shapely.MultiLineString(rings).is_simple
+    below = sum(ring.length for ring in rings)
+    exact = surface.section(plane_origin=[0, 0, saddle - 1e-3], plane_normal=[0, 0, 1]).length
+    assert below == pytest.approx(exact, rel=2e-3)
+    assert reconstruct(toolpath, 5.0).is_watertight
+
+
+def test_loops_too_small_for_a_curve_are_reported():
+    surface = sphere()
+    top = float(surface.vertices[:, 2].max())
+    just_below = [Plane.horizontal(150.0), Plane.horizontal(top - 1e-8)]
+    toolpath, said = slice_reporting(surface, custom_planes(BED, just_below, just_below))
+    assert [len(layer.curves) for layer in toolpath.layers] == [1, 0]
+    assert len(said) == 1
+    assert said[0].startswith("layer 1: loop 0 at")
