@@ -3,6 +3,7 @@
 from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, TwinsError
 from .exchange import inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
+from .layered import LayeredMesh, layered_mesh
 from .planes import PlaneStack, custom_planes, layer_planes
 from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
 from .repair import repair_surface
@@ -15,6 +16,7 @@ __all__ = [
     "Curve",
     "FormatError",
     "Layer",
+    "LayeredMesh",
     "Plane",
     "PlaneStack",
     "PlanesError",
@@ -30,6 +32,7 @@ __all__ = [
     "extrude",
     "inputs_of",
     "layer_planes",
+    "layered_mesh",
     "load_toolpath",
     "make_surface",
     "read_surface",

@@ -24,6 +24,7 @@ import trimesh
 from .boundary import Block, Faces, Seam, block, block_faces, seam, slab_faces
 from .errors import ToolpathError
 from .frames import Frames
+from .interior import interior_points
 from .joining import Join, clusters, join
 from .memo import Memo
 from .overlay import Slab, slab_between
@@ -102,6 +103,7 @@ def toolpath_mesh(
     surface: trimesh.Trimesh | None = None,
     *,
     edited: AbstractSet[int] = frozenset(),
+    interior: float | None = None,
     memo: Memo | None = None,
     executor: Executor | None = None,
 ) -> ToolpathMesh:
@@ -110,11 +112,12 @@ def toolpath_mesh(
     Args:
         toolpath, resolution, surface, executor: see `reconstruct`.
         edited: layers that are no longer sections of the surface.
+        interior: spacing of points to be added inside the regions, mm; they do not change M but refine its solid.
         memo: with it, only what has changed since the last call is built again.
     """
     step = toolpath.thickness if resolution is None else float(resolution)
     memo = Memo() if memo is None else memo
-    body, unresolved = _solid(toolpath, step, surface, edited, memo, executor)
+    body, unresolved = _solid(toolpath, step, surface, edited, interior, memo, executor)
     mesh, joins = _boundary(body, EPSILON * toolpath.thickness, memo, executor)
     memo.end_round()
     return ToolpathMesh(mesh, joins, tuple(unresolved), body)
@@ -125,6 +128,7 @@ def _solid(
     resolution: float,
     surface: trimesh.Trimesh | None,
     edited: AbstractSet[int],
+    interior: float | None,
     memo: Memo,
     executor: Executor | None,
 ) -> tuple[Solid, list[tuple[float, float]]]:
@@ -139,7 +143,10 @@ def _solid(
     u, v = lattice.origin
     regions = memo.map(
         _region,
-        [(layer.curves, u, v, lattice.unit, resolution, i) for i, layer in enumerate(toolpath.layers)],
+        [
+            (layer.curves, u, v, lattice.unit, resolution, i, interior)
+            for i, layer in enumerate(toolpath.layers)
+        ],
         executor,
     )
     sections = [Section((i + 0.5) * t, region) for i, region in enumerate(regions)]
@@ -326,7 +333,14 @@ def _bounds(curves: Sequence[Curve], layer: int) -> tuple[float, float, float, f
 
 
 def _region(
-    curves: Sequence[Curve], u: float, v: float, unit: float, resolution: float, layer: int
+    curves: Sequence[Curve],
+    u: float,
+    v: float,
+    unit: float,
+    resolution: float,
+    layer: int,
+    interior: float | None,
 ) -> Region:
-    lattice = Lattice((u, v), unit)
-    return triangulate([curve.points for curve in curves], lattice, resolution, f"layer {layer}")
+    lines = [curve.points for curve in curves]
+    inner = None if interior is None else interior_points(lines, interior, shifted=layer % 2 == 1)
+    return triangulate(lines, Lattice((u, v), unit), resolution, f"layer {layer}", inner)

@@ -65,7 +65,9 @@ class Region:
         return len(self.points)
 
 
-def triangulate(curves: Sequence[Array], lattice: Lattice, resolution: float, where: str) -> Region:
+def triangulate(
+    curves: Sequence[Array], lattice: Lattice, resolution: float, where: str, interior: Array | None = None
+) -> Region:
     """The region to the left of closed curves.
 
     Args:
@@ -73,6 +75,7 @@ def triangulate(curves: Sequence[Array], lattice: Lattice, resolution: float, wh
         lattice: common to all layers of a toolpath.
         resolution: L_R, mm.
         where: names the layer in messages.
+        interior: more points, inside and away from the curves, shape (k, 2), mm.
 
     Raises:
         ToolpathError: curves touch, cross, or do not enclose a region on their left.
@@ -83,6 +86,9 @@ def triangulate(curves: Sequence[Array], lattice: Lattice, resolution: float, wh
     ends = np.cumsum([len(curve) for curve in curves])
     following = np.arange(1, len(points) + 1)
     following[ends - 1] = np.r_[0, ends[:-1]]
+    if interior is not None and len(interior):
+        following = np.concatenate([following, np.arange(len(points), len(points) + len(interior))])
+        points = np.concatenate([points, interior])
     state, at, points, P, following, triangles, across, corner = conforming_delaunay(
         points, following, np.array(lattice.origin), lattice.unit, SHORTEST * resolution
     )
