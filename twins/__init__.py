@@ -11,6 +11,7 @@ from .slicing import slice_reporting, slice_surface
 from .surface import check_surface, make_surface, read_surface, signed_volume
 from .toolpath import Curve, Layer, Plane, Toolpath
 from .twin import Twin
+from .visual import visual_mesh
 
 __all__ = [
     "Curve",
@@ -44,4 +45,5 @@ __all__ = [
     "slice_reporting",
     "slice_surface",
     "toolpath_mesh",
+    "visual_mesh",
 ]

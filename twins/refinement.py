@@ -23,6 +23,7 @@ import numpy.typing as npt
 import trimesh
 
 from .cutter import SurfaceCutter
+from .errors import ToolpathError
 from .frames import Frames
 from .half_edges import opposite_half_edges
 from .memo import Memo
@@ -35,6 +36,9 @@ Indices = npt.NDArray[np.int64]
 
 DEPTH = 7
 """How often a gap between two layers is divided at most."""
+
+ASIDE = (-0.01, 0.01, -0.1, 0.1)
+"""Where else a section is tried, from where it was wanted, as shares of the gap that it divides."""
 
 LEAN = 0.01
 """Deviation of a slab's volume from the mean of its regions from which a section is tried, as a share."""
@@ -106,19 +110,34 @@ class Truth:
         margin = 0.02 * (high - low)
         return float(found) if low + margin < found < high - margin else middle
 
-    def sections(self, heights: Sequence[float], lattice: Lattice, resolution: float) -> list[Section]:
-        """True sections of the surface, sampled."""
+    def sections(
+        self, heights: Sequence[float], margins: Sequence[float], lattice: Lattice, resolution: float
+    ) -> list[Section | None]:
+        """True sections of the surface, sampled, at ascending heights.
+
+        Where a section's curves touch, one a little below or above is taken, within the margin; None if none is found.
+        """
         rows = self._frames.at(np.asarray(heights))
         stack = self._cutter.cut_frames(rows[:, 0], rows[:, 1], rows[:, 2])
-        return [
-            Section(
-                w,
-                triangulate(
-                    sample_layer(polygons, resolution), lattice, resolution, f"section at w = {w:.6g} mm"
-                ),
-            )
-            for w, polygons in zip(heights, stack, strict=True)
-        ]
+        found: list[Section | None] = []
+        for w, margin, polygons in zip(heights, margins, stack, strict=True):
+            section = _section(w, polygons, lattice, resolution)
+            for share in ASIDE:
+                if section is not None:
+                    break
+                row = self._frames.at(w + share * margin)
+                section = _section(
+                    w + share * margin, self._cutter.cut_frames(*row[0])[0], lattice, resolution
+                )
+            found.append(section)
+        return found
+
+
+def _section(w: float, polygons: Sequence[Array], lattice: Lattice, resolution: float) -> Section | None:
+    try:
+        return Section(w, triangulate(sample_layer(polygons, resolution), lattice, resolution, ""))
+    except ToolpathError:
+        return None
 
 
 Gap = tuple[Section, Section]
@@ -208,12 +227,15 @@ def _insertions(
             break
         at = [truth.divide(a.w, b.w) for _, (a, b) in wrong] + [0.5 * (a.w + b.w) for _, (a, b) in lean]
         order = np.argsort(at)
-        cuts = truth.sections([at[i] for i in order], lattice, resolution)
+        margins = [b.w - a.w for _, (a, b) in [*wrong, *lean]]
+        cuts = truth.sections([at[i] for i in order], [margins[i] for i in order], lattice, resolution)
         found = dict(zip(order.tolist(), cuts, strict=True))
         gaps = []
         for i, (owner, (a, b)) in enumerate([*wrong, *lean]):
             cut = found[i]
-            if i < len(wrong) or _matters(a, cut, b, memo):
+            if cut is None:
+                unresolved[owner] += [(a.w, b.w)] if i < len(wrong) else []
+            elif i < len(wrong) or _matters(a, cut, b, memo):
                 kept[owner].append(cut)
                 gaps += [(owner, (a, cut)), (owner, (cut, b))]
     return [Insertion(tuple(k), tuple(u)) for k, u in zip(kept, unresolved, strict=True)]
