@@ -140,7 +140,9 @@ def triangulable(
             reason = error
         else:
             return curves
-    raise ToolpathError(f"{where}: no outline of the beads could be drawn: {reason}")
+    raise ToolpathError(
+        f"{where}: the beads cannot be outlined at a resolution of {resolution:.6g} mm; choose a finer one ({reason})"
+    )
 
 
 def enclosed_region(curves: Sequence[Curve], where: str) -> BaseGeometry:
