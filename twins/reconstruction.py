@@ -138,7 +138,8 @@ def _solid(
     boxes = memo.map(_bounds, [(layer.curves, i) for i, layer in enumerate(toolpath.layers) if layer.curves])
     if not boxes:
         raise ToolpathError("the toolpath has no curves: there is nothing to reconstruct")
-    extent = np.array(boxes)
+    truth = None if surface is None else memo.map(Truth, [(surface, frames)])[0]
+    extent = np.array(boxes if truth is None else [*boxes, truth.box])
     lattice = Lattice.around(extent[:, :2].min(axis=0), extent[:, 2:].max(axis=0))
     u, v = lattice.origin
     regions = memo.map(
@@ -151,8 +152,7 @@ def _solid(
     )
     sections = [Section((i + 0.5) * t, region) for i, region in enumerate(regions)]
     unresolved: list[tuple[float, float]] = []
-    if surface is not None:
-        truth = memo.map(Truth, [(surface, frames)])[0]
+    if truth is not None:
         sections, unresolved = refine(sections, edited, truth, lattice, resolution, memo, executor)
     slabs = _slabs(sections, memo, executor)
     beside = [None, *slabs, None]

@@ -65,6 +65,7 @@ class Truth:
 
     Attributes:
         low, high: heights between which all of the surface lies, w in mm.
+        box: least u, v and greatest u, v of the surface, mm: its sections may reach further than the layers.
     """
 
     def __init__(self, surface: trimesh.Trimesh, frames: Frames) -> None:
@@ -74,6 +75,13 @@ class Truth:
         self._faces = np.ascontiguousarray(surface.faces, dtype=np.int64)
         self._across = np.asarray(opposite_half_edges(self._faces, len(vertices)), dtype=np.int64)
         self._height = frames.height_of(vertices)
+        rows = frames.at(self._height)
+        shifted = vertices - rows[:, 0]
+        uv = np.einsum("nk,nak->na", shifted, rows[:, 1:]) / np.einsum(
+            "nak,nak->na", rows[:, 1:], rows[:, 1:]
+        )
+        (a, b), (c, d) = uv.min(axis=0).tolist(), uv.max(axis=0).tolist()
+        self.box: tuple[float, float, float, float] = (a, b, c, d)
         order = np.argsort(self._height, kind="stable")
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))

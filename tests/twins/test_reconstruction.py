@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
@@ -15,12 +16,14 @@ from twins import (
     bead_outlines,
     extrude,
     layer_planes,
+    make_surface,
     reconstruct,
     signed_volume,
     slice_surface,
     toolpath_mesh,
 )
 from twins.cutter import SurfaceCutter
+from twins.refinement import Truth
 
 BED = Plane.horizontal()
 
@@ -142,6 +145,22 @@ def test_joins_move_points_by_less_than_three_thousandths_of_a_layer():
     new = mesh.surface.vertices[gap > 1e-9]
     assert len(new) > 0
     assert middle.query(new)[0].max() < 2.0 * toolpath.thickness
+
+
+def test_sections_that_reach_far_beyond_all_layers():
+    """A stem through a plate between two layers: its sections are twenty times as wide as any layer."""
+    stem = trimesh.creation.box(bounds=[[-10, -10, 0], [10, 10, 60]])
+    plate = trimesh.creation.box(bounds=[[-200, -200, 29], [200, 200, 31]])
+    part = trimesh.boolean.union([stem, plate], engine="manifold")
+    surface = make_surface(part.vertices, part.faces)
+    toolpath = slice_surface(surface, layer_planes(BED, 60.0, 10.0))
+    assert max(np.ptp(curve.points) for *_, curve in toolpath.curves()) < 25.0
+    frames = toolpath_mesh(toolpath).solid.frames
+    truth = Truth(surface, frames)
+    assert truth.box == pytest.approx((-200.0, -200.0, 200.0, 200.0))
+    M = reconstruct(toolpath, surface=surface)
+    assert manifold_faults(M) == (0, 0)
+    assert np.isfinite(M.vertices).all()
 
 
 @st.composite
