@@ -63,3 +63,7 @@ class Memo:
     def end_round(self) -> None:
         """Forget what was not asked for since the last time."""
         self._old, self._new = self._new, {}
+
+    def abandon_round(self) -> None:
+        """Forget what was made since the last time, after a failure."""
+        self._new = {}

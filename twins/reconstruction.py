@@ -117,8 +117,12 @@ def toolpath_mesh(
     """
     step = toolpath.thickness if resolution is None else float(resolution)
     memo = Memo() if memo is None else memo
-    body, unresolved = _solid(toolpath, step, surface, edited, interior, memo, executor)
-    mesh, joins = _boundary(body, EPSILON * toolpath.thickness, memo, executor)
+    try:
+        body, unresolved = _solid(toolpath, step, surface, edited, interior, memo, executor)
+        mesh, joins = _boundary(body, EPSILON * toolpath.thickness, memo, executor)
+    except BaseException:
+        memo.abandon_round()
+        raise
     memo.end_round()
     return ToolpathMesh(mesh, joins, tuple(unresolved), body)
 

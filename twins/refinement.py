@@ -65,12 +65,14 @@ class Truth:
 
     Attributes:
         low, high: heights between which all of the surface lies, w in mm.
+        top: height of the last nozzle plane, w in mm.
         box: least u, v and greatest u, v of the surface, mm: its sections may reach further than the layers.
     """
 
     def __init__(self, surface: trimesh.Trimesh, frames: Frames) -> None:
         vertices = np.asarray(surface.vertices, dtype=np.float64)
         self._frames = frames
+        self.top = frames.top
         self._cutter = SurfaceCutter(vertices, surface.faces)
         self._faces = np.ascontiguousarray(surface.faces, dtype=np.int64)
         self._across = np.asarray(opposite_half_edges(self._faces, len(vertices)), dtype=np.int64)
@@ -187,9 +189,14 @@ def refine(
         the sections, and the gaps (low, high; w in mm) in which they still do not.
     """
     nothing = memo.map(triangulate_nothing, [()])[0]
-    ends = (Section(truth.low, nothing), Section(truth.high, nothing))
-    inner = [(s, i in edited) for i, s in enumerate(sections) if ends[0].w < s.w < ends[1].w or len(s.region)]
-    chain = [(ends[0], False), *inner, (ends[1], False)]
+    inner = [
+        (s, i in edited) for i, s in enumerate(sections) if truth.low < s.w < truth.high or len(s.region)
+    ]
+    # Above the last plane and below the base the part is cut off: there is nothing to be compared there.
+    rounding = 1e-6 * truth.top
+    bottom = [(Section(truth.low, nothing), False)] if truth.low >= -rounding else []
+    top = [(Section(truth.high, nothing), False)] if truth.high <= truth.top + rounding else []
+    chain = [*bottom, *inner, *top]
     gaps = [(a, b) for (a, p), (b, q) in pairwise(chain) if not (p or q)]
     keys = [(a.region, b.region, a.w, b.w, truth, lattice, resolution) for a, b in gaps]
     unknown = [i for i, key in enumerate(keys) if not memo.knows("insertion", key)]

@@ -89,6 +89,8 @@ def triangulate(
     if interior is not None and len(interior):
         following = np.concatenate([following, np.arange(len(points), len(points) + len(interior))])
         points = np.concatenate([points, interior])
+    if float(np.abs(points - np.array(lattice.origin)).max()) > lattice.unit * 2.0**LATTICE_BITS:
+        raise ToolpathError(f"{where}: a curve reaches beyond the toolpath's lattice")
     state, at, points, P, following, triangles, across, corner = conforming_delaunay(
         points, following, np.array(lattice.origin), lattice.unit, SHORTEST * resolution
     )

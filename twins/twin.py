@@ -15,11 +15,13 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from .cutter import SurfaceCutter
 from .errors import ToolpathError
 from .memo import Memo
 from .planes import PlaneStack
 from .reconstruction import ToolpathMesh, toolpath_mesh
 from .slicing import slice_reporting
+from .surface import check_surface
 from .toolpath import Curve, Layer, Toolpath
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +50,8 @@ class Twin:
             PlanesError: planes that cross inside the part.
         """
         toolpath, remarks = slice_reporting(surface, planes, resolution)
-        self._begin(toolpath, surface, planes, resolution, executor, remarks)
+        # The twin keeps a copy, since meshes are edited in place.
+        self._begin(toolpath, surface.copy(), planes, resolution, executor, remarks)
 
     @classmethod
     def from_toolpath(
@@ -101,10 +104,10 @@ class Twin:
 
     @property
     def surface(self) -> trimesh.Trimesh:
-        """The surface that was given, or, once the toolpath has been edited, M."""
+        """A copy of the surface given or, once the toolpath is edited, of M; `replace_surface` takes edits back."""
         if self._source is not None and not self._edited:
-            return self._source
-        return self.mesh.surface
+            return self._source.copy()
+        return self.mesh.surface.copy()
 
     @property
     def mesh(self) -> ToolpathMesh:
@@ -135,18 +138,26 @@ class Twin:
         """
         layers = list(self._toolpath.layers)
         for index, new in curves.items():
-            if not 0 <= index < len(layers):
+            if (
+                isinstance(index, bool)
+                or not isinstance(index, int | np.integer)
+                or not 0 <= index < len(layers)
+            ):
                 raise ToolpathError(
                     f"there is no layer {index}: the toolpath has layers 0 to {len(layers) - 1}"
+                )
+            if not all(isinstance(curve, Curve) for curve in new):
+                raise ToolpathError(
+                    f"layer {index}: its new curves must be Curve objects, made of (n, 2) points"
                 )
             layers[index] = Layer(layers[index].slicing, layers[index].nozzle, tuple(new))
         before = self._toolpath, self._edited, self._mesh
         self._toolpath = replace(self._toolpath, layers=tuple(layers))
-        self._edited = self._edited | frozenset(curves)
+        self._edited = self._edited | frozenset(int(index) for index in curves)
         self._mesh = None
         try:
             _ = self.mesh
-        except ToolpathError:
+        except BaseException:
             self._toolpath, self._edited, self._mesh = before
             raise
 
@@ -167,6 +178,9 @@ class Twin:
         stack = self._planes if planes is None else planes
         if stack is None:
             raise ToolpathError("this twin began with a toolpath: give the planes that slice the new surface")
+        if not SurfaceCutter(surface.vertices, surface.faces).bounds_a_solid():
+            check_surface(surface)
+        surface = surface.copy()  # the caller may go on editing theirs
         touched = frozenset(range(len(stack)))
         if planes is None and self._source is not None:
             touched = _touched_layers(self._source, surface, stack) | self._edited
@@ -177,7 +191,7 @@ class Twin:
                 slicing=tuple(stack.slicing[i] for i in some),
                 nozzle=tuple(stack.nozzle[i] for i in some),
             )
-            sliced, remarks = slice_reporting(surface, part, self._step, some)
+            sliced, remarks = slice_reporting(surface, part, self._resolution, some)
             self._remarks = remarks
             if len(some) == len(stack):
                 self._toolpath = sliced
@@ -188,10 +202,6 @@ class Twin:
                 self._toolpath = replace(self._toolpath, layers=tuple(layers))
         self._source, self._planes, self._edited, self._mesh = surface, stack, frozenset(), None
         return touched
-
-    @property
-    def _step(self) -> float:
-        return self._toolpath.thickness if self._resolution is None else self._resolution
 
 
 def _touched_layers(old: trimesh.Trimesh, new: trimesh.Trimesh, planes: PlaneStack) -> frozenset[int]:

@@ -2,9 +2,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from shapes import SHAPES, torus
+import trimesh
+from shapes import SHAPES, box, torus
 
-from twins import Curve, Plane, ToolpathError, layer_planes, make_surface, slice_surface
+from twins import Curve, Plane, SurfaceError, ToolpathError, layer_planes, make_surface, slice_surface
 from twins.twin import Twin
 
 BED = Plane.horizontal()
@@ -42,13 +43,13 @@ def test_the_twin_knows_which_side_was_edited_last():
     surface = torus()
     twin = twin_of(surface)
     assert twin.edited_last == "surface"
-    assert twin.surface is surface
+    assert same(twin.surface, surface)
     twin.replace_layer(1, shrunk(twin, 1))
     assert twin.edited_last == "toolpath"
-    assert twin.surface is twin.mesh.surface
+    assert same(twin.surface, twin.mesh.surface)
     twin.replace_surface(surface)
     assert twin.edited_last == "surface"
-    assert twin.surface is surface
+    assert same(twin.surface, surface)
     assert same(twin.mesh.surface, twin_of(surface).mesh.surface)
     assert Twin.from_toolpath(twin.toolpath).edited_last == "toolpath"
 
@@ -92,3 +93,50 @@ def test_an_executor_gives_the_same_mesh():
     with ThreadPoolExecutor(2) as executor:
         side_by_side = twin_of(torus(standing=True), executor=executor).mesh.surface
     assert same(side_by_side, twin_of(torus(standing=True)).mesh.surface)
+
+
+def test_a_surface_that_is_edited_in_place_is_seen_to_have_changed():
+    twin = twin_of(torus(standing=True))
+    edited = twin.surface
+    edited.vertices = edited.vertices * [0.5, 0.5, 1.0]
+    assert len(twin.replace_surface(edited)) == len(twin.toolpath.layers)
+    assert same(twin.mesh.surface, twin_of(edited).mesh.surface)
+
+
+def test_an_open_surface_is_refused_and_nothing_changes():
+    surface = box()
+    twin = twin_of(surface, 100.0)
+    mesh = twin.mesh
+    lid = np.asarray(surface.vertices)[np.asarray(surface.faces)][:, :, 2].min(axis=1) > 199.0
+    with pytest.raises(SurfaceError, match="open"):
+        twin.replace_surface(make_surface(surface.vertices, np.asarray(surface.faces)[~lid]))
+    assert twin.mesh is mesh
+    with pytest.raises(ToolpathError, match="Curve objects"):
+        twin.replace_layer(0, [np.zeros((4, 2))])
+    assert twin.mesh is mesh
+
+
+def test_other_planes_bring_their_own_resolution():
+    surface = torus()
+    top = float(surface.vertices[:, 2].max())
+    twin = twin_of(surface)
+    twin.replace_surface(surface, layer_planes(BED, top, 3.0))
+    fresh = twin_of(surface, 3.0)
+    assert same(twin.mesh.surface, fresh.mesh.surface)
+
+
+@pytest.mark.parametrize("lift", [0.0, -40.0])
+def test_a_part_that_reaches_beyond_its_planes_is_cut_off_there(lift):
+    """A tower with a window above the last plane, or below the base."""
+    tower = trimesh.boolean.difference(
+        [
+            trimesh.creation.box(bounds=[[-20, -20, 0], [20, 20, 100]]),
+            trimesh.creation.box(bounds=[[-50, -5, 10 if lift else 70], [50, 5, 20 if lift else 80]]),
+        ],
+        engine="manifold",
+    )
+    surface = make_surface(tower.vertices + [0.0, 0.0, lift], tower.faces)
+    M = Twin(surface, layer_planes(BED, 50.0, 10.0)).mesh.surface
+    assert M.is_watertight
+    assert M.volume == pytest.approx(40 * 40 * 50, rel=1e-6)
+    assert (M.bounds[0, 2], M.bounds[1, 2]) == pytest.approx((0.0, 50.0))
