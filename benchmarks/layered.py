@@ -16,7 +16,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
-from shapes import REFERENCE, box  # the tests' shapes
+from shapes import REFERENCE, box, printed_volume
 
 from analysis import MeshingTimeout, tetrahedralize
 from twincell.springer import springer_top
@@ -36,14 +36,6 @@ LIMIT_S = 120.0
 def sliced(name, surface):
     top = springer_top() if name == "springer" else float(surface.vertices[:, 2].max())
     return slice_surface(surface, layer_planes(BED, top, T), T)
-
-
-def printed_volume(toolpath):
-    total = 0.0
-    for i, _, layer, curve in toolpath.curves():
-        centroid = layer.nozzle.to_world(curve.centroid[None])
-        total += curve.signed_area * toolpath.floor_of(i).height_of(centroid)[0]
-    return total
 
 
 def row(name, width, points, tets, deviation, seconds):

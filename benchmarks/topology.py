@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from shapes import REFERENCE, manifold_faults, rotated
+from shapes import REFERENCE, manifold_faults, printed_volume, rotated
 
 from twins import (
     Plane,
@@ -34,13 +34,6 @@ def loaded(path, size=300.0):
     surface, _ = repair_surface(read_surface(path))
     vertices = np.asarray(surface.vertices) * size / np.ptp(surface.vertices, axis=0).max()
     return make_surface(vertices - [0.0, 0.0, vertices[:, 2].min()], surface.faces)
-
-
-def printed_volume(toolpath):
-    return sum(
-        curve.signed_area * toolpath.floor_of(i).height_of(layer.nozzle.to_world(curve.centroid[None]))[0]
-        for i, _, layer, curve in toolpath.curves()
-    )
 
 
 def attitudes(surface, count):

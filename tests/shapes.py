@@ -377,6 +377,15 @@ def fan_top(surface, degrees=28.0):
     )
 
 
+def printed_volume(toolpath):
+    """Σ region area × local thickness: the thickness of a layer between two planes is linear, so exact at centroids."""
+    total = 0.0
+    for i, _, layer, curve in toolpath.curves():
+        centroid = layer.nozzle.to_world(curve.centroid[None])
+        total += curve.signed_area * toolpath.floor_of(i).height_of(centroid)[0]
+    return total
+
+
 def manifold_faults(surface):
     """Edges without exactly two opposite faces, and vertices without exactly one closed fan, from the faces alone."""
     faces = np.asarray(surface.faces, dtype=np.int64)

@@ -8,7 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapes import SHAPES, fan_top, manifold_faults
+from shapes import SHAPES, fan_top, manifold_faults, printed_volume
 
 from twins import (
     Curve,
@@ -50,15 +50,6 @@ def stack(*layers, thickness=10.0):
 
 def outlined_area(toolpath):
     return sum(curve.signed_area for *_, curve in toolpath.curves())
-
-
-def printed_volume(toolpath):
-    """Σ region area × local thickness: the thickness of a layer between two planes is linear, so exact at centroids."""
-    total = 0.0
-    for i, _, layer, curve in toolpath.curves():
-        centroid = layer.nozzle.to_world(curve.centroid[None])
-        total += curve.signed_area * toolpath.floor_of(i).height_of(centroid)[0]
-    return total
 
 
 def beyond_beads(points, curves, width):

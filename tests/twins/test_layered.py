@@ -3,22 +3,13 @@
 import numpy as np
 import pytest
 import shapely
-from shapes import REFERENCE, SHAPES, fan_top
+from shapes import REFERENCE, SHAPES, fan_top, printed_volume
 
 from twins import Curve, Layer, Plane, Toolpath, ToolpathError, bead_outlines, layer_planes, slice_surface
 from twins.layered import layered_mesh
 
 BED = Plane.horizontal()
 FACES = [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]
-
-
-def printed_volume(toolpath):
-    """Σ region area × local thickness: the thickness of a layer between two planes is linear, so exact at centroids."""
-    total = 0.0
-    for i, _, layer, curve in toolpath.curves():
-        centroid = layer.nozzle.to_world(curve.centroid[None])
-        total += curve.signed_area * toolpath.floor_of(i).height_of(centroid)[0]
-    return total
 
 
 def boundary_faces(mesh):

@@ -5,7 +5,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
-from shapes import EULER, REFERENCE, SHAPES, fan_top, manifold_faults, rotated, sphere, torus
+from shapes import EULER, REFERENCE, SHAPES, fan_top, manifold_faults, printed_volume, rotated, sphere, torus
 
 from twins import (
     Curve,
@@ -26,15 +26,6 @@ from twins.cutter import SurfaceCutter
 from twins.refinement import Truth
 
 BED = Plane.horizontal()
-
-
-def printed_volume(toolpath):
-    """Σ region area × local thickness: the thickness of a layer between two planes is linear, so exact at centroids."""
-    total = 0.0
-    for i, _, layer, curve in toolpath.curves():
-        centroid = layer.nozzle.to_world(curve.centroid[None])
-        total += curve.signed_area * toolpath.floor_of(i).height_of(centroid)[0]
-    return total
 
 
 def stack(name, rotary, thickness=10.0):
