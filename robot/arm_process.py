@@ -51,6 +51,9 @@ BEAT_LIMIT = 0.2
 WINDOW = 5.0
 """Longest time in which a script is uploaded and started, s; the supervisor expects no beat meanwhile."""
 
+GUARDING = 0.5
+"""Longest time in which the watchdog of a script that already moves the arm is set, s; likewise."""
+
 START_LIMIT = 0.5
 """Time after which a move that was never seen running counts as finished, s."""
 
@@ -155,8 +158,10 @@ class ArmProcess:
     def _run(self, chunk: Chunk) -> None:
         self._tell(state="loading", chunk=chunk.index, progress=0, window=WINDOW)
         self._begin(self._control.movePath(self._path(chunk), True), f"along chunk {chunk.index}")
-        # The upload replaced the script, and with it the watchdog.
+        # The upload replaced the script, and with it the watchdog; setting it is an exchange with the controller.
+        self._tell(window=GUARDING)
         self._require(self._control.setWatchdog(WATCHDOG_HZ), "the controller refused the watchdog")
+        self._tell(window=0.0)
 
     def _begin(self, accepted: bool, where: str) -> None:
         self._require(accepted, f"the controller refused to move {where}; look at its log")
