@@ -18,7 +18,7 @@ from rich.console import Console
 from analysis import AnalysisError
 from planning import Finding, PlanningError, Severity, load_cell
 from robot import RobotError
-from twins import TwinsError, load_toolpath, read_surface, reconstruct, save_surface
+from twins import TwinsError, load_toolpath, read_surface, save_surface, toolpath_mesh
 
 from .demo import demo as run_demo
 from .errors import JobError
@@ -130,13 +130,15 @@ def reconstruct_(
 ) -> None:
     """Turn a toolpath back into its surface M."""
     try:
-        surface = reconstruct(load_toolpath(toolpath))
+        mesh = toolpath_mesh(load_toolpath(toolpath))
     except TwinsError as error:
         text = str(error)
         raise type(error)(text if text.startswith(str(toolpath)) else f"{toolpath}: {text}") from None
-    save_surface(surface, out)
+    for remark in mesh.remarks:
+        errors.print(f"{toolpath}: {remark}", highlight=False, markup=False, soft_wrap=True)
+    save_surface(mesh.surface, out)
     console.print(
-        f"wrote {out}: {len(surface.faces)} triangles", highlight=False, markup=False, soft_wrap=True
+        f"wrote {out}: {len(mesh.surface.faces)} triangles", highlight=False, markup=False, soft_wrap=True
     )
 
 

@@ -20,10 +20,10 @@ from twins import (
     load_toolpath,
     make_surface,
     read_surface,
-    reconstruct,
     save_surface,
     save_toolpath,
     slice_reporting,
+    toolpath_mesh,
 )
 
 from .errors import JobError
@@ -111,9 +111,12 @@ def slice_job(job: Job) -> Sliced:
             raise SurfaceError(
                 f"the part reaches {float(over.max()):.6g} mm above the top plane; raise that plane or cut the part"
             )
+        mesh = toolpath_mesh(toolpath, slicing.resolution, surface)
+        for remark in mesh.remarks:
+            LOG.warning("%s: %s", job.part, remark)
         made = Sliced(
             toolpath,
-            reconstruct(toolpath, slicing.resolution, surface),
+            mesh.surface,
             extrude(toolpath, job.settings.print.width, slicing.resolution),
         )
     except PlanesError as error:

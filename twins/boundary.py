@@ -32,11 +32,14 @@ class Block:
         points: (u, v, w), shape (n, 3), mm: the region's, then those carried down and up.
         faces: of the boundary, in the section and on prisms, turned outwards, shape (k, 3).
         prisms: tetrahedra of the prisms, positively oriented, shape (m, 4).
+        left_out: triangles of the region, in parts that a slab does reach, over and under which nothing was found;
+            they belong to no solid; shape (r,).
     """
 
     points: Array
     faces: Indices
     prisms: Indices
+    left_out: Indices
 
 
 def block(
@@ -77,6 +80,7 @@ def block(
         np.concatenate(points),
         np.concatenate(faces),
         np.concatenate(prisms) if prisms else np.zeros((0, 4), np.int64),
+        np.flatnonzero(~covered_below & ~covered_above),
     )
 
 
@@ -164,8 +168,8 @@ def seam(here: Block, below: Slab | None, above: Slab | None, size_below: int, s
         if above is not None:
             tets.append(_renumbered(above.tets, above.lower, size_below, size_below + n))
         all_tets = np.concatenate(tets)
-        for v in np.flatnonzero(crowded):
-            pieces[v] = min(pieces_at(int(v) + size_below, all_tets), 100)
+        where = np.flatnonzero(crowded)
+        pieces[where] = np.minimum(pieces_at(where + size_below, all_tets), 100)
     kept = np.flatnonzero(used)
     number = np.full(n, -1, np.int64)
     number[kept] = np.arange(len(kept))

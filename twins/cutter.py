@@ -92,21 +92,10 @@ class SurfaceCutter:
         Raises:
             PlanesError: as `cut`, or the axes of a frame are parallel.
         """
-        origin, u, v = (
-            np.array(values, dtype=np.float64).reshape(-1, 3) for values in (origins, u_axes, v_axes)
-        )
+        origin, u, v = _axes(origins, u_axes, v_axes)
         if len(origin) == 0:
             return []
-        normal = np.cross(u, v)
-        size = np.linalg.norm(normal, axis=1)
-        flat = ~(size > 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1))
-        if flat.any():
-            raise PlanesError(
-                f"the frame of slicing plane {int(np.argmax(flat))} has parallel axes; "
-                "give it two directions that span the plane"
-            )
-        normal /= size[:, None]
-        planes = np.column_stack([normal, (origin * normal).sum(axis=1)])
+        planes, normal, size = _planes(origin, u, v)
         # Rows of the dual basis give the coordinates of a point of the plane in its frame.
         dual = np.stack([np.cross(v, normal), np.cross(normal, u)], axis=1) / size[:, None, None]
         doubtful = self._doubtful(planes)
@@ -120,13 +109,23 @@ class SurfaceCutter:
         polygons = [points[a:b] for a, b in pairwise(loop_start.tolist())]
         return [polygons[a:b] for a, b in pairwise([0, *loops.tolist()])]
 
+    def levels(self, origins: npt.ArrayLike, u_axes: npt.ArrayLike, v_axes: npt.ArrayLike) -> Indices:
+        """The number of planes, given as for `cut_frames`, that each vertex is on or above, shape (n,)."""
+        planes, _, _ = _planes(*_axes(origins, u_axes, v_axes))
+        return self._levels(planes)[0]
+
     def grazed(self, planes: Sequence[Plane], margin: float) -> list[int]:
         """Planes that pass a vertex within a margin, mm, so that curves may touch in them."""
         rows = np.array([[*plane.normal, plane.origin @ plane.normal] for plane in planes]).reshape(-1, 4)
-        padded = np.vstack([[0.0, 0.0, 0.0, -1.0], rows, [0.0, 0.0, 0.0, 1.0]])
+        level, padded = self._levels(rows)
+        return np.flatnonzero(_near(self._vertices, padded, level, margin)[1:-1]).tolist()
+
+    def _levels(self, planes: Array) -> tuple[Indices, Array]:
+        """Each vertex's level, and the planes with one below everything and one above everything."""
+        padded = np.vstack([[0.0, 0.0, 0.0, -1.0], planes, [0.0, 0.0, 0.0, 1.0]])
         level = np.empty(len(self._vertices), np.int32)
         _levels(self._vertices, padded, level)
-        return np.flatnonzero(_near(self._vertices, padded, level, margin)[1:-1]).tolist()
+        return level, padded
 
     def _doubtful(self, planes: Array) -> npt.NDArray[np.int64]:
         """Planes k for which the mesh's bounding box does not rule out that plane k + 1 runs below them."""
@@ -139,9 +138,7 @@ class SurfaceCutter:
         self, origin: Array, planes: Array, dual: Array
     ) -> tuple[Array, Indices, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """Points of all loops by plane, where each plane's begin, loops up to each plane, where each loop begins."""
-        padded = np.vstack([[0.0, 0.0, 0.0, -1.0], planes, [0.0, 0.0, 0.0, 1.0]])
-        level = np.empty(len(self._vertices), np.int32)
-        _levels(self._vertices, padded, level)
+        level, _ = self._levels(planes)
         crossed = np.empty(len(self._faces), self._faces.dtype)
         count, total = _crossed_faces(self._faces, level, crossed)
         crossed = crossed[:count]
@@ -171,6 +168,25 @@ class SurfaceCutter:
         loops = np.empty(len(planes), np.int64)
         found = _chain(points, following, start, ordered, loop_start, loops)
         return ordered, start, loops, loop_start[: found + 1]
+
+
+def _axes(origins: npt.ArrayLike, u_axes: npt.ArrayLike, v_axes: npt.ArrayLike) -> tuple[Array, Array, Array]:
+    origin, u, v = (np.array(a, dtype=np.float64).reshape(-1, 3) for a in (origins, u_axes, v_axes))
+    return origin, u, v
+
+
+def _planes(origin: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Normal and offset of each plane, shape (k, 4); the normals; the lengths of u × v."""
+    normal = np.cross(u, v)
+    size = np.linalg.norm(normal, axis=1)
+    flat = ~(size > 1e-12 * np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1))
+    if flat.any():
+        raise PlanesError(
+            f"the frame of slicing plane {int(np.argmax(flat))} has parallel axes; "
+            "give it two directions that span the plane"
+        )
+    normal /= size[:, None]
+    return np.column_stack([normal, (origin * normal).sum(axis=1)]), normal, size
 
 
 @nb.njit(cache=True, nogil=True)

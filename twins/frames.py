@@ -26,9 +26,19 @@ class Frames:
         self._step = step
 
     @property
+    def thickness(self) -> float:
+        """Nominal, mm."""
+        return 2.0 * self._step
+
+    @property
     def top(self) -> float:
         """w of the last nozzle plane."""
         return (len(self._rows) - 1) * self._step
+
+    @property
+    def slicing(self) -> Array:
+        """w of the slicing planes, shape (layers,)."""
+        return np.asarray(np.arange(1, len(self._rows), 2) * self._step, dtype=np.float64)
 
     def at(self, w: npt.ArrayLike) -> Array:
         """Origin, u axis and v axis at heights w, shape (n, 3, 3); a point is origin + u u_axis + v v_axis."""

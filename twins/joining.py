@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numba as nb
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_matrix
@@ -288,17 +289,60 @@ def _bridge(
             j += 1
 
 
-def pieces_at(v: int, tets: Indices) -> int:
-    """Number of pieces of the solid at a point: of the parts of its link, by the tetrahedra that have it."""
-    parent: dict[int, int] = {}
+@nb.njit(cache=True, nogil=True)
+def pieces_at(points: Indices, tets: Indices) -> Indices:
+    """Number of pieces of the solid at points: of the parts of each one's link, by the tetrahedra that have it.
 
-    def root(x: int) -> int:
-        while parent.setdefault(x, x) != x:
-            x = parent[x]
-        return x
-
-    for tet in tets[(tets == v).any(axis=1)].tolist():
-        a, b, c = (x for x in tet if x != v)
-        parent[root(a)] = root(b)
-        parent[root(a)] = root(c)
-    return len({root(x) for x in list(parent)})
+    Args:
+        points: numbers of different points, shape (n,).
+        tets: all tetrahedra at them, and any others, shape (m, 4).
+    """
+    size = 0
+    for v in points:
+        size = max(size, v + 1)
+    for t in range(len(tets)):
+        for k in range(4):
+            size = max(size, tets[t, k] + 1)
+    place = np.full(size, -1, np.int64)
+    for i, v in enumerate(points):
+        place[v] = i
+    start = np.zeros(len(points) + 1, np.int64)
+    for t in range(len(tets)):
+        for k in range(4):
+            i = place[tets[t, k]]
+            if i >= 0:
+                start[i + 1] += 1
+    for i in range(len(points)):
+        start[i + 1] += start[i]
+    fill = start[:-1].copy()
+    at = np.empty(start[-1], np.int64)
+    for t in range(len(tets)):
+        for k in range(4):
+            i = place[tets[t, k]]
+            if i >= 0:
+                at[fill[i]] = t
+                fill[i] += 1
+    pieces = np.zeros(len(points), np.int64)
+    parent = np.full(size, -1, np.int64)
+    for i, v in enumerate(points):
+        for t in at[start[i] : start[i + 1]]:
+            first = -1
+            for k in range(4):
+                x = tets[t, k]
+                if x == v:
+                    continue
+                if parent[x] < 0:  # a corner of the link that is new
+                    parent[x] = x
+                    pieces[i] += 1
+                while parent[x] != x:
+                    parent[x] = parent[parent[x]]
+                    x = parent[x]
+                if first < 0:
+                    first = x
+                elif x != first:
+                    parent[x] = first
+                    pieces[i] -= 1
+        for t in at[start[i] : start[i + 1]]:
+            for k in range(4):
+                parent[tets[t, k]] = -1
+    return pieces

@@ -21,25 +21,21 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from .boundary import Block, Faces, Seam, block, block_faces, seam, slab_faces
+from .assembly import assemble
+from .boundary import Block, block
 from .errors import ToolpathError
 from .frames import Frames
 from .interior import interior_points
-from .joining import Join, clusters, join
 from .memo import Memo
 from .overlay import Slab, slab_between
 from .refinement import Section, Truth, refine
-from .surface import make_surface
+from .slab_measures import triangle_areas
 from .toolpath import Curve, Plane, Toolpath
 from .triangulation import Lattice, Region, triangulate
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
-BUNDLE = 16
-"""Sections put together at a time."""
-
-EPSILON = 2e-3
+EPSILON = 7.5e-4
 """How far joins move points, as a share of the layer thickness."""
 
 
@@ -66,15 +62,39 @@ class ToolpathMesh:
 
     Attributes:
         surface: closed, oriented outwards, every edge with two faces, every vertex with one fan.
-        joins: places at which the solid touched itself and points were added or moved, by at most 0.003 t; (k, 3), mm.
+        joins: places at which the solid touched itself and points were added or moved, there M is within 0.003 t of
+            the curves; (k, 3), mm.
         unresolved: gaps (low, high; w in mm) in which M does not hang together as the surface does.
+        left_out: sections (w in mm) and the area of theirs, mm², that M leaves out: it sticks out of the sections
+            above and below so far that neither reaches over it.
         solid: whose boundary M is.
     """
 
     surface: trimesh.Trimesh
     joins: Array
     unresolved: tuple[tuple[float, float], ...]
+    left_out: tuple[tuple[float, float], ...]
     solid: Solid
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """A sentence for each layer whose curves M does not follow, or in which it differs from the surface."""
+        t = self.solid.frames.thickness
+        apart = sorted({int(low / t) for low, _ in self.unresolved})
+        bare: dict[int, float] = {}
+        for w, area in self.left_out:
+            bare[int(w / t)] = max(bare.get(int(w / t), 0.0), area)
+        return (
+            *(
+                f"layer {i}: M does not hang together there as the surface does; slice finer to show it"
+                for i in apart
+            ),
+            *(
+                f"layer {i}: M leaves out {area:.3g} mm² of it that sticks out of the layers above and below; "
+                "use thinner layers there, or give the surface if it is known"
+                for i, area in bare.items()
+            ),
+        )
 
 
 def reconstruct(
@@ -119,12 +139,19 @@ def toolpath_mesh(
     memo = Memo() if memo is None else memo
     try:
         body, unresolved = _solid(toolpath, step, surface, edited, interior, memo, executor)
-        mesh, joins = _boundary(body, EPSILON * toolpath.thickness, memo, executor)
+        t = toolpath.thickness
+        levels = [section.w / t for section in body.sections]
+        mesh, joins = assemble(body.blocks, body.slabs, levels, body.frames, EPSILON * t, memo, executor)
     except BaseException:
         memo.abandon_round()
         raise
     memo.end_round()
-    return ToolpathMesh(mesh, joins, tuple(unresolved), body)
+    left_out = [
+        (section.w, float(triangle_areas(section.region)[block.left_out].sum()))
+        for section, block in zip(body.sections, body.blocks, strict=True)
+        if len(block.left_out)
+    ]
+    return ToolpathMesh(mesh, joins, tuple(unresolved), tuple(left_out), body)
 
 
 def _solid(
@@ -178,148 +205,6 @@ def _slabs(sections: Sequence[Section], memo: Memo, executor: Executor | None) -
     for i, slab in zip(full, memo.map(slab_between, [pairs[i] for i in full], executor), strict=True):
         slabs[i] = slab
     return slabs
-
-
-def _boundary(
-    body: Solid, epsilon: float, memo: Memo, executor: Executor | None
-) -> tuple[trimesh.Trimesh, Array]:
-    blocks, frames = body.blocks, body.frames
-    beside = [None, *body.slabs, None]
-    size = [0, *(len(b.points) for b in blocks), 0]
-    seams = memo.map(
-        seam, [(b, beside[i], beside[i + 1], size[i], size[i + 2]) for i, b in enumerate(blocks)], executor
-    )
-    none = Faces(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.int64))
-    between = [i for i, s in enumerate(body.slabs) if s is not None]
-    sides = [none] * len(blocks)
-    found = memo.map(slab_faces, [(body.slabs[i], seams[i], seams[i + 1]) for i in between])
-    for i, side in zip(between, found, strict=True):
-        sides[i] = side
-    own = memo.map(block_faces, list(zip(blocks, seams, strict=True)))
-    points = memo.map(_places, list(zip(blocks, seams, [frames] * len(blocks), strict=True)))
-    bundles = memo.map(
-        _bundled,
-        [
-            (*points[i : i + BUNDLE], *own[i : i + BUNDLE], *sides[i : i + BUNDLE])
-            for i in range(0, len(blocks), BUNDLE)
-        ],
-    )
-    places = [bundle.points for bundle in bundles]
-    start = np.cumsum([0, *(len(p) for p in places)]).tolist()
-    rows = [(start[k], bundle.free) for k, bundle in enumerate(bundles)]
-    held = [bundle.crowded + start[k] for k, bundle in enumerate(bundles) if len(bundle.crowded)]
-    joins = np.zeros((0, 3))
-    if held:
-        first = np.cumsum([0, *(len(s.kept) for s in seams)])
-        pieces = np.concatenate([s.pieces for s in seams])
-        joined, added = _joined(np.concatenate(held), body, seams, first, pieces, epsilon, memo)
-        rows += [(0, join_faces) for join_faces in joined]
-        places.append(frames.to_world(np.concatenate(added)))
-        joins = np.concatenate(
-            [*(p.points[s.pieces > 0] for p, s in zip(points, seams, strict=True)), places[-1]]
-        )
-    faces = np.empty((sum(len(part) for _, part in rows), 3), np.int64)
-    end = 0
-    for offset, part in rows:
-        begin, end = end, end + len(part)
-        np.add(part, offset, out=faces[begin:end])
-    vertices = np.concatenate(places)
-    if held:
-        vertices, faces = _compact(vertices, faces)
-    return make_surface(vertices, faces), joins
-
-
-@dataclass(frozen=True, eq=False)
-class Bundle:
-    """Points and faces of several neighbouring sections, with the slabs above them, numbered from their first point."""
-
-    points: Array
-    free: Indices
-    crowded: Indices
-
-
-def _bundled(*parts: Places | Faces) -> Bundle:
-    """Bundle the places, own faces and upper sides of sections, given in three groups in this order.
-
-    A long stack is put together from few bundles, so that an edit copies little piece by piece.
-    """
-    count = len(parts) // 3
-    places = [part.points for part in parts[:count] if isinstance(part, Places)]
-    faces = [part for part in parts[count:] if isinstance(part, Faces)]
-    start = np.cumsum([0, *(len(p) for p in places)]).tolist()
-    offset = start[:count] * 2
-    return Bundle(
-        np.concatenate(places),
-        np.concatenate([part.free + k for k, part in zip(offset, faces, strict=True)]),
-        np.concatenate([part.crowded + k for k, part in zip(offset, faces, strict=True)]),
-    )
-
-
-def _joined(
-    held: Indices,
-    body: Solid,
-    seams: Sequence[Seam],
-    first: Indices,
-    pieces: npt.NDArray[np.int8],
-    epsilon: float,
-    memo: Memo,
-) -> tuple[list[Indices], list[Array]]:
-    """The faces at crowded points after joining, and the points added behind all others (u, v, w)."""
-    corners, local = np.unique(held, return_inverse=True)
-    owner = np.searchsorted(first, corners, side="right") - 1
-    coordinates = np.array(
-        [body.blocks[b].points[seams[b].kept[i]] for b, i in zip(owner, corners - first[owner], strict=True)]
-    )
-    count = pieces[corners]
-    local = local.reshape(held.shape)
-    calls, numbers = [], []
-    for group in clusters(local, count > 0):
-        own, small = np.unique(local[group], return_inverse=True)
-        numbers.append(corners[own])
-        calls.append(
-            (coordinates[own].tobytes(), small.astype(np.int64).tobytes(), count[own].tobytes(), epsilon)
-        )
-    faces, added = [], []
-    total = len(pieces)
-    for number, result in zip(numbers, memo.map(_join, calls), strict=True):
-        rows = np.concatenate([number, np.arange(total, total + len(result.points))])[result.faces]
-        faces.append(rows)
-        added.append(result.points)
-        total += len(result.points)
-    return faces, added
-
-
-def _join(points: bytes, faces: bytes, pieces: bytes, epsilon: float) -> Join:
-    count = np.frombuffer(pieces, np.int8)
-    return join(
-        np.frombuffer(points).reshape(-1, 3),
-        np.frombuffer(faces, np.int64).reshape(-1, 3),
-        np.flatnonzero(count),
-        lambda v: int(count[v]) if v < len(count) else 1,
-        epsilon,
-    )
-
-
-def _compact(points: Array, faces: Indices) -> tuple[Array, Indices]:
-    """Without the points that joining has cut off."""
-    used = np.zeros(len(points), np.bool_)
-    used[faces.reshape(-1)] = True
-    if used.all():
-        return points, faces
-    number = np.cumsum(used) - 1
-    return points[used], number[faces]
-
-
-@dataclass(frozen=True, eq=False)
-class Places:
-    """World places of points, shape (n, 3), mm."""
-
-    points: Array
-
-
-def _places(here: Block, at: Seam, frames: Frames) -> Places:
-    """World places of a block's kept points."""
-    return Places(frames.to_world(here.points[at.kept]))
 
 
 def _frames(step: float, *planes: Plane) -> Frames:

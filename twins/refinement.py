@@ -84,7 +84,7 @@ class Truth:
         self._cutter = SurfaceCutter(vertices, surface.faces)
         self._faces = np.ascontiguousarray(surface.faces, dtype=np.int64)
         self._across = np.asarray(opposite_half_edges(self._faces, len(vertices)), dtype=np.int64)
-        self._height = frames.height_of(vertices)
+        self._height = self._as_cut(frames.height_of(vertices), frames)
         rows = frames.at(self._height)
         shifted = vertices - rows[:, 0]
         uv = np.einsum("nk,nak->na", shifted, rows[:, 1:]) / np.einsum(
@@ -100,6 +100,15 @@ class Truth:
         self._sum = np.concatenate([[0.0], np.cumsum(index)])
         self._critical = self._sorted[index != 0.0]
         self.low, self.high = float(self._sorted[0]), float(np.nextafter(self._sorted[-1], np.inf))
+
+    def _as_cut(self, height: Array, frames: Frames) -> Array:
+        """Heights on the side of each slicing plane on which the cutter has the vertex."""
+        w = frames.slicing
+        rows = frames.at(w)
+        level = self._cutter.levels(rows[:, 0], rows[:, 1], rows[:, 2])
+        least = np.append(-np.inf, w)[level]
+        below = np.append(np.nextafter(w, -np.inf), np.inf)[level]
+        return np.asarray(np.clip(height, least, below), dtype=np.float64)
 
     def characteristic(self, lower: Section, upper: Section) -> float:
         """Euler characteristic of the solid between two sections of the surface, both included."""

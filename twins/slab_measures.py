@@ -13,9 +13,14 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 
+def triangle_areas(region: Region) -> Array:
+    """Of a region's triangles, mm², shape (k,)."""
+    return 0.5 * _double_areas(region.points, region.triangles)
+
+
 def region_area(region: Region) -> float:
     """mm²."""
-    return float(_double_areas(region.points, region.triangles).sum()) * 0.5
+    return float(triangle_areas(region).sum())
 
 
 def slab_volume(lower: Region, upper: Region, slab: Slab) -> float:

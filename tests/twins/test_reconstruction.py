@@ -43,6 +43,36 @@ def test_M_is_a_closed_oriented_manifold_of_the_right_volume(name, rotary):
     assert signed_volume(surface) == pytest.approx(printed_volume(toolpath), rel=0.02)
 
 
+def test_what_neither_neighbour_reaches_over_is_told():
+    """A disc beside a plate: what is above and below the plate's other end is nearer to the disc elsewhere."""
+    disc, plate = shapely.Point(-57.8, 17.7).buffer(33.9), shapely.box(-27.7, 11.6, 55.7, 61.2)
+    shapes = [
+        [shapely.box(54.1, 58.7, 117.7, 116.4), shapely.Point(38.4, -32.3).buffer(19.4)],
+        [disc | plate],
+        [shapely.Point(17.6, 48.1).buffer(11.7), shapely.box(-83.2, -65.2, -34.4, -30.8)],
+    ]
+    layers = [
+        Layer(
+            Plane.horizontal(10 * k + 5),
+            Plane.horizontal(10 * k + 10),
+            tuple(outline(body) for body in bodies),
+        )
+        for k, bodies in enumerate(shapes)
+    ]
+    mesh = toolpath_mesh(Toolpath(BED, tuple(layers), 10.0))
+    ((w, area),) = mesh.left_out
+    assert w == 15.0
+    assert area == pytest.approx(disc.area, rel=0.1)
+    assert len(mesh.remarks) == 1
+    assert mesh.remarks[0].startswith("layer 1: ")
+
+
+def outline(body):
+    rounded = body.buffer(-1).buffer(1).simplify(0.01)
+    ring = shapely.orient_polygons(shapely.segmentize(rounded, 10.0)).exterior
+    return Curve(np.array(ring.coords)[:-1])
+
+
 @pytest.mark.parametrize("width", [20.0, 30.0])
 @pytest.mark.parametrize(
     ("name", "rotary"), [("torus standing", False), ("porous column", False), ("Y-branch", True)]

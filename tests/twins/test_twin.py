@@ -6,6 +6,7 @@ import trimesh
 from shapes import SHAPES, box, torus
 
 from twins import Curve, Plane, SurfaceError, ToolpathError, layer_planes, make_surface, slice_surface
+from twins.assembly import BUNDLE
 from twins.twin import Twin
 
 BED = Plane.horizontal()
@@ -30,6 +31,18 @@ def test_a_replaced_layer_gives_the_mesh_of_a_full_rebuild():
     twin.replace_layers({3: shrunk(twin, 3), 4: shrunk(twin, 4), 20: []})
     assert not same(twin.surface, before)
     assert same(twin.surface, Twin.from_toolpath(twin.toolpath).surface)
+
+
+def test_edits_near_the_ends_of_bundles_and_after_refused_ones_give_the_mesh_of_a_full_rebuild():
+    twin = Twin.from_toolpath(twin_of(SHAPES["nested cavity"]()).toolpath)
+    assert len(twin.toolpath.layers) > BUNDLE + 1
+    assert len(twin.mesh.joins)
+    eight = Curve([[0.0, 0.0], [10.0, 10.0], [10.0, 0.0], [0.0, 10.0]])
+    for layer in (BUNDLE - 2, BUNDLE - 1, BUNDLE, 0, len(twin.toolpath.layers) - 1):
+        with pytest.raises(ToolpathError):
+            twin.replace_layers({layer: shrunk(twin, layer, 0.9), layer - 1 if layer else 1: [eight]})
+        twin.replace_layer(layer, shrunk(twin, layer))
+        assert same(twin.surface, Twin.from_toolpath(twin.toolpath).surface)
 
 
 def test_layers_away_from_an_edit_keep_the_topology_of_the_surface():
