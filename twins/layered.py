@@ -128,6 +128,11 @@ def _planes_of(w: Array, middle: float, layer: int) -> Indices:
 
 
 @nb.njit(cache=True, nogil=True)
+def _put(out: Indices, m: int, a: int, b: int, c: int, d: int) -> None:
+    out[m, 0], out[m, 1], out[m, 2], out[m, 3] = a, b, c, d
+
+
+@nb.njit(cache=True, nogil=True)
 def _add_prism(out: Indices, m: int, a: int, b: int, c: int, d: int, e: int, f: int) -> int:
     """Three tetrahedra of the prism a b c below d e f (a b c turns left seen from d e f)."""
     for _ in range(3):
@@ -138,13 +143,13 @@ def _add_prism(out: Indices, m: int, a: int, b: int, c: int, d: int, e: int, f: 
         for _ in range(3):
             if min(b, c) < a:
                 a, b, c, d, e, f = b, c, a, e, f, d
-    out[m] = (a, e, f, d)
+    _put(out, m, a, e, f, d)
     if min(b, f) < min(c, e):
-        out[m + 1] = (a, b, c, f)
-        out[m + 2] = (a, b, f, e)
+        _put(out, m + 1, a, b, c, f)
+        _put(out, m + 2, a, b, f, e)
     else:
-        out[m + 1] = (a, b, c, e)
-        out[m + 2] = (a, e, c, f)
+        _put(out, m + 1, a, b, c, e)
+        _put(out, m + 2, a, e, c, f)
     return m + 3
 
 
@@ -153,7 +158,7 @@ def _split(corners: Indices, low: npt.NDArray[np.bool_], middle: Indices) -> tup
     """Tetrahedra cut in the middles of edges, with 0 for those below the cut and 1 for those above."""
     out = np.empty((6 * len(corners), 4), np.int64)
     high = np.zeros(6 * len(corners), np.int64)
-    m = 0
+    m = int(np.int64(0))  # no constant: see tet_star.py
     for t in range(len(corners)):
         count = 0
         for k in range(4):
@@ -177,19 +182,19 @@ def _split(corners: Indices, low: npt.NDArray[np.bool_], middle: Indices) -> tup
         if count == 3:
             p, q, r = middle[t, a, d], middle[t, b, d], middle[t, c, d]
             m = _add_prism(out, m, A, B, C, p, q, r)
-            out[m] = (p, q, r, D)
+            _put(out, m, p, q, r, D)
             high[m] = 1
             m += 1
         elif count == 1:
             p, q, r = middle[t, a, b], middle[t, a, c], middle[t, a, d]
-            out[m] = (A, p, q, r)
+            _put(out, m, A, p, q, r)
             m += 1
-            high[m : m + 3] = 1
+            high[m] = high[m + 1] = high[m + 2] = 1
             m = _add_prism(out, m, p, q, r, B, C, D)
         else:
             p, q, r, s = middle[t, a, c], middle[t, a, d], middle[t, b, c], middle[t, b, d]
             m = _add_prism(out, m, A, p, q, B, r, s)
-            high[m : m + 3] = 1
+            high[m] = high[m + 1] = high[m + 2] = 1
             m = _add_prism(out, m, C, p, r, D, q, s)
     return out[:m].copy(), high[:m].copy()
 

@@ -175,10 +175,13 @@ def coarsen(M: Mesh, shortest: float, good: float, longest: float, tolerance: fl
                 M.seen[u] = now
                 d = np.sqrt((X[u, 0] - X[v, 0]) ** 2 + (X[u, 1] - X[v, 1]) ** 2 + (X[u, 2] - X[v, 2]) ** 2)
                 if d < shortest and n < len(near):
-                    near[n], length[n] = u, d
+                    place = n
+                    while place > 0 and length[place - 1] > d:
+                        near[place], length[place] = near[place - 1], length[place - 1]
+                        place -= 1
+                    near[place], length[place] = u, d
                     n += 1
-        order = np.argsort(length[:n])
-        for i in order:
+        for i in range(n):
             if collapse(M, v, near[i], tets, held, good, longest, tolerance):
                 gone += 1
                 break

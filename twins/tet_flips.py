@@ -69,15 +69,20 @@ def _add_triangles(
 
 
 @nb.njit(cache=True, nogil=True)
+def _put_normal(X: Array, p: int, q: int, r: int, n: Array) -> None:
+    ux, uy, uz = X[q, 0] - X[p, 0], X[q, 1] - X[p, 1], X[q, 2] - X[p, 2]
+    vx, vy, vz = X[r, 0] - X[p, 0], X[r, 1] - X[p, 1], X[r, 2] - X[p, 2]
+    n[0], n[1], n[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@nb.njit(cache=True, nogil=True)
 def _lies_flat(X: Array, a: int, b: int, c: int, d: int, tolerance: float) -> bool:
     """Whether edges a b and c d are the diagonals of a quadrilateral that is flat to within the tolerance."""
     n = np.empty((4, 3))
-    corner = ((a, b, d), (a, c, b), (a, c, d), (b, d, c))
-    for f in range(4):
-        p, q, r = corner[f]
-        ux, uy, uz = X[q, 0] - X[p, 0], X[q, 1] - X[p, 1], X[q, 2] - X[p, 2]
-        vx, vy, vz = X[r, 0] - X[p, 0], X[r, 1] - X[p, 1], X[r, 2] - X[p, 2]
-        n[f, 0], n[f, 1], n[f, 2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    _put_normal(X, a, b, d, n[0])
+    _put_normal(X, a, c, b, n[1])
+    _put_normal(X, a, c, d, n[2])
+    _put_normal(X, b, d, c, n[3])
     for f in range(2):
         for g in range(2, 4):
             dot = n[f, 0] * n[g, 0] + n[f, 1] * n[g, 1] + n[f, 2] * n[g, 2]
@@ -92,28 +97,28 @@ def _lies_flat(X: Array, a: int, b: int, c: int, d: int, tolerance: float) -> bo
 
 
 @nb.njit(cache=True, nogil=True)
-def remove_edge(M: Mesh, t: int, i: int, j: int, tolerance: float) -> bool:
-    """Remove the edge between corners i and j of t if the mesh gets better."""
+def _around_edge(
+    M: Mesh, t: int, i: int, j: int, tolerance: float,
+    old: Indices, points: Indices, new: Indices, layers: Indices,
+) -> tuple[int, int]:  # fmt: skip
+    """Find better tetrahedra without the edge between corners i and j of t.
+
+    Returns:
+        how many there are in `old`, 0 if it cannot be bettered, and how many in `new`.
+    """
     T, X, plane = M.T, M.X, M.plane
-    tets, points = np.empty(RING, np.int64), np.empty(RING + 1, np.int64)
-    held, closed = ring(M, t, i, j, tets, points)
+    held, closed = ring(M, t, i, j, old, points)
     if held == 0:
-        return False
+        return 0, 0
     a, b = T[t, i], T[t, j]
     worst = np.inf
     for k in range(held):
-        worst = min(worst, M.q[tets[k]])
+        worst = min(worst, M.q[old[k]])
     least = GAIN * max(worst, 1e-12)
     in_plane = plane[a] >= 0 and plane[a] == plane[b]
-    best, cut = np.empty((RING + 1, RING + 1)), np.empty((RING + 1, RING + 1), np.int64)
-    new, layers = np.empty((4 * RING, 4), np.int64), np.empty(4 * RING, np.int64)
-    if closed and not in_plane:
-        if held < 3 or not _best_triangles(X, a, b, points, held, least, best, cut):
-            return False
-        m = _add_triangles(a, b, points, held, cut, M.layer[t], new, layers, 0)
-        return replace(M, tets, held, new, layers, m)
-    if closed:
-        one = two = -1
+    around = held if closed else held + 1
+    one = two = NONE
+    if closed and in_plane:
         for k in range(held):
             if plane[points[k]] == plane[a]:
                 if one < 0:
@@ -121,39 +126,41 @@ def remove_edge(M: Mesh, t: int, i: int, j: int, tolerance: float) -> bool:
                 elif two < 0:
                     two = k
                 else:
-                    return False
+                    return 0, 0
         if two < 0 or two - one < 2 or held - two + one < 2:
-            return False
-        upper, lower = np.empty(RING + 1, np.int64), np.empty(RING + 1, np.int64)
-        n = two - one + 1
+            return 0, 0
+    elif closed:
+        if held < 3:
+            return 0, 0
+    else:
+        c, d = points[0], points[held]
+        for k in range(held + 1):
+            if in_plane and (plane[points[k]] == plane[a]) != (k == 0 or k == held):  # noqa: PLR1714
+                return 0, 0
+        if M.pinched[a] or M.pinched[b] or M.pinched[c] or M.pinched[d]:
+            return 0, 0
+        if not _lies_flat(X, a, b, c, d, tolerance):
+            return 0, 0
+        if held == 1:
+            peels = worst < 0.1 and _may_peel(M, t, i, j, old, points)
+            old[0] = t
+            return (1 if peels else 0), 0
+    polygon = np.empty(RING + 1, np.int64)
+    best, cut = np.empty((RING + 1, RING + 1)), np.empty((RING + 1, RING + 1), np.int64)
+    m = int(np.int64(0))  # no constant: see tet_star.py
+    for half in range(1 if two < 0 else 2):
+        start, n = 0, around
+        if two >= 0:
+            start, n = (one, two - one + 1) if half == 0 else (two, held - two + one + 1)
         for k in range(n):
-            upper[k] = points[one + k]
-        n_lower = held - two + one + 1
-        for k in range(n_lower):
-            lower[k] = points[(two + k) % held]
-        if not _best_triangles(X, a, b, upper, n, least, best, cut):
-            return False
-        m = _add_triangles(a, b, upper, n, cut, M.layer[tets[one]], new, layers, 0)
-        if not _best_triangles(X, a, b, lower, n_lower, least, best, cut):
-            return False
-        m = _add_triangles(a, b, lower, n_lower, cut, M.layer[tets[two]], new, layers, m)
-        return replace(M, tets, held, new, layers, m)
-    c, d = points[0], points[held]
-    for k in range(held + 1):
-        if in_plane and (plane[points[k]] == plane[a]) != (k == 0 or k == held):  # noqa: PLR1714
-            return False
-    if M.pinched[a] or M.pinched[b] or M.pinched[c] or M.pinched[d]:
-        return False
-    if not _lies_flat(X, a, b, c, d, tolerance):
-        return False
-    if held == 1:
-        return worst < 0.1 and _peel(M, t, i, j)
-    if not _best_triangles(X, a, b, points, held + 1, least, best, cut):
-        return False
-    if _joined(M, c, d):
-        return False
-    m = _add_triangles(a, b, points, held + 1, cut, M.layer[t], new, layers, 0)
-    return replace(M, tets, held, new, layers, m)
+            at = start + k
+            polygon[k] = points[at - around if at >= around else at]
+        if not _best_triangles(X, a, b, polygon, n, least, best, cut):
+            return 0, 0
+        m = _add_triangles(a, b, polygon, n, cut, M.layer[old[start]], new, layers, m)
+    if not closed and _joined(M, points[0], points[held]):
+        return 0, 0
+    return held, int(m)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -169,39 +176,18 @@ def _joined(M: Mesh, c: int, d: int) -> bool:
 
 
 @nb.njit(cache=True, nogil=True)
-def _peel(M: Mesh, t: int, i: int, j: int) -> bool:
-    """Take away a tetrahedron that lies flat on the boundary with two faces."""
+def _may_peel(M: Mesh, t: int, i: int, j: int, tets: Indices, points: Indices) -> bool:
+    """Whether a tetrahedron that lies flat on the boundary with two faces can be taken away."""
     if M.N[t, i] < 0 or M.N[t, j] < 0:
         return False
     c, d = third(i, j)
-    tets, points = np.empty(RING, np.int64), np.empty(RING + 1, np.int64)
     held, closed = ring(M, t, c, d, tets, points)
-    if held == 0 or not closed:
-        return False
-    tets[0] = t
-    return replace(M, tets, 1, np.empty((1, 4), np.int64), np.empty(1, np.int64), 0)
+    return held > 0 and closed
 
 
 @nb.njit(cache=True, nogil=True)
-def drop(M: Mesh, t: int, volume: float) -> bool:
-    """Take away a tetrahedron with a boundary face and less than some volume; the part may touch itself there."""
-    X, T = M.X, M.T
-    a, b, c, d = T[t, 0], T[t, 1], T[t, 2], T[t, 3]
-    bare = 0
-    for k in range(4):
-        bare += M.N[t, k] == NONE
-    if bare == 0 or np.linalg.det(np.stack((X[b] - X[a], X[c] - X[a], X[d] - X[a]))) > 6.0 * volume:
-        return False
-    if not replace(M, np.full(1, t), 1, np.empty((1, 4), np.int64), np.empty(1, np.int64), 0):
-        return False
-    for v in (a, b, c, d):
-        M.wall[v] = M.pinched[v] = True
-    return True
-
-
-@nb.njit(cache=True, nogil=True)
-def swap_face(M: Mesh, t: int, k: int) -> bool:
-    """Put three tetrahedra around a new edge in the place of t and its neighbour across face k, if better."""
+def _across_face(M: Mesh, t: int, k: int, old: Indices, new: Indices, layers: Indices) -> bool:
+    """Find three tetrahedra around a new edge, better than t and its neighbour across face k."""
     T, X, plane = M.T, M.X, M.plane
     u = M.N[t, k]
     if u < 0 or M.layer[u] != M.layer[t]:
@@ -211,23 +197,62 @@ def swap_face(M: Mesh, t: int, k: int) -> bool:
         b, c = c, b
     d = T[t, k]
     e = T[u, 0] + T[u, 1] + T[u, 2] + T[u, 3] - a - b - c
-    least = GAIN * max(min(M.q[t], M.q[u]), 1e-12)
-    if shape(X, e, d, a, b) <= least or shape(X, e, d, b, c) <= least or shape(X, e, d, c, a) <= least:
-        return False
     if plane[d] >= 0 and plane[d] == plane[e]:
         return False
-    new = np.array(((e, d, a, b), (e, d, b, c), (e, d, c, a)))
-    return replace(M, np.array((t, u)), 2, new, np.full(3, M.layer[t]), 3)
+    least = GAIN * max(min(M.q[t], M.q[u]), 1e-12)
+    for n in range(3):
+        if shape(X, e, d, a, b) <= least:
+            return False
+        new[n, 0], new[n, 1], new[n, 2], new[n, 3] = e, d, a, b
+        layers[n] = M.layer[t]
+        a, b, c = b, c, a
+    old[0], old[1] = t, u
+    return True
 
 
 @nb.njit(cache=True, nogil=True)
 def flip_at(M: Mesh, t: int, tolerance: float) -> bool:
     """The first flip that betters a tetrahedron and its surroundings."""
+    old, points = np.empty(RING, np.int64), np.empty(RING + 1, np.int64)
+    new, layers = np.empty((4 * RING, 4), np.int64), np.empty(4 * RING, np.int64)
+    two, three = int(np.int64(2)), int(np.int64(3))  # no constants: see tet_star.py
     for i in range(4):
         for j in range(i + 1, 4):
-            if remove_edge(M, t, i, j, tolerance):
+            k, m = _around_edge(M, t, i, j, tolerance, old, points, new, layers)
+            if k > 0 and replace(M, old, k, new, layers, m):
                 return True
     for k in range(4):  # noqa: SIM110 - numba has no generators in any()
-        if swap_face(M, t, k):
+        if _across_face(M, t, k, old, new, layers) and replace(M, old, two, new, layers, three):
             return True
     return False
+
+
+@nb.njit(cache=True, nogil=True)
+def drop(M: Mesh, t: int, volume: float) -> bool:
+    """Take away a tetrahedron with a boundary face and less than some volume; the part may touch itself there."""
+    X, T, N = M.X, M.T, M.N
+    a, b, c, d = T[t, 0], T[t, 1], T[t, 2], T[t, 3]
+    bare = 0
+    for k in range(4):
+        bare += N[t, k] == NONE
+    ux, uy, uz = X[b, 0] - X[a, 0], X[b, 1] - X[a, 1], X[b, 2] - X[a, 2]
+    vx, vy, vz = X[c, 0] - X[a, 0], X[c, 1] - X[a, 1], X[c, 2] - X[a, 2]
+    wx, wy, wz = X[d, 0] - X[a, 0], X[d, 1] - X[a, 1], X[d, 2] - X[a, 2]
+    det = wx * (uy * vz - uz * vy) + wy * (uz * vx - ux * vz) + wz * (ux * vy - uy * vx)
+    if bare == 0 or det > 6.0 * volume:
+        return False
+    for k in range(4):
+        v, u = T[t, k], N[t, k]
+        M.degree[v] -= 1
+        M.wall[v] = M.pinched[v] = True
+        if u >= 0:
+            for j in range(4):
+                if N[u, j] == t:
+                    N[u, j] = NONE
+                if j != k:
+                    M.at[T[t, j]] = u
+    T[t, 0] = NONE
+    M.q[t] = np.inf
+    M.unused[M.tops[0]] = t
+    M.tops[0] += 1
+    return True

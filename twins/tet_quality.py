@@ -79,7 +79,9 @@ def improve(
                 coarsen(mesh, short * thickness, GOOD**1.5, longest, stray)
         else:
             mesh.settled[:] = False  # neighbours have changed since
-        _improve_below(mesh, axes, float(below**1.5), float(POOR**1.5), longest, stray)
+        worst = np.flatnonzero(mesh.q < below**1.5)
+        worst = worst[np.argsort(mesh.q[worst], kind="stable")]
+        _improve_each(mesh, worst, axes, float(below**1.5), float(POOR**1.5), longest, stray)
     _drop_below(mesh, HOPELESS**1.5, NOTHING * thickness**3)
     rows = np.flatnonzero(mesh.T[:, 0] >= 0)
     used, local = np.unique(mesh.T[rows], return_inverse=True)
@@ -87,10 +89,11 @@ def improve(
 
 
 @nb.njit(cache=True, nogil=True)
-def _improve_below(M: Mesh, axes: Array, below: float, poor: float, longest: float, stray: float) -> None:
-    """Better tetrahedra of a shape below some value, the worst first."""
-    wanted = np.flatnonzero(M.q < below)
-    for t in wanted[np.argsort(M.q[wanted])]:
+def _improve_each(
+    M: Mesh, tets: Indices, axes: Array, below: float, poor: float, longest: float, stray: float
+) -> None:
+    """Better some tetrahedra in turn, while they have a shape below some value."""
+    for t in tets:
         if M.T[t, 0] < 0 or M.q[t] >= below or M.settled[t] or flip_at(M, t, 0.5 * stray):
             continue
         if M.q[t] < poor and collapse_at(M, t, longest, stray):
@@ -107,5 +110,6 @@ def _drop_below(M: Mesh, below: float, volume: float) -> None:
     gone = 1
     while gone:
         gone = 0
-        for t in np.flatnonzero(M.q < below):
-            gone += drop(M, int(t), volume)
+        for t in range(len(M.q)):
+            if M.q[t] < below:
+                gone += drop(M, t, volume)

@@ -115,7 +115,7 @@ def smooth(M: Mesh, v: int, axes: Array, rounds: int, tolerance: float) -> bool:
             if now > worst * 1.01:
                 far = 0.0
                 if M.wall[v]:
-                    far = strays(M, v, NONE, x, y, z, X[v, 0], X[v, 1], X[v, 2], tets, held)
+                    far = strays(M, v, v, x, y, z, X[v, 0], X[v, 1], X[v, 2], tets, held)
                 if far + M.strayed[v] <= tolerance:
                     M.strayed[v] += far
                     worst, moved = now, True
@@ -138,7 +138,7 @@ def smooth(M: Mesh, v: int, axes: Array, rounds: int, tolerance: float) -> bool:
 def _gradient(M: Mesh, v: int, tets: Indices, held: int, worst: float, g: Array) -> None:
     """A direction in which all the worst tetrahedra get better, if their gradients' sum is one."""
     X, T = M.X, M.T
-    g[:] = 0.0
+    g[0] = g[1] = g[2] = 0.0
     h = 1e-4
     for i in range(held):
         t = tets[i]

@@ -2,6 +2,9 @@
 
 The mesh is held in flat arrays, so that compiled kernels can change it in place. Tetrahedra (a, b, c, d) are
 positively oriented: d sees a, b, c turn left from above.
+
+Compilation takes its time, as each kernel compiles anew all that it calls. A constant integer as an argument has the
+callee compiled for it alone; assigning to a slice or a row, np.stack and the like take seconds: hence plain loops.
 """
 
 from __future__ import annotations
@@ -97,8 +100,7 @@ def make_mesh(points: Array, plane: Indices, tets: Indices, layer: Indices) -> M
         seen=np.zeros(n, np.int64),
         tops=np.array([room - m, 0]),
     )
-    _measure(mesh, m)
-    _mark_pinched(mesh)
+    _survey(mesh, m)
     return mesh
 
 
@@ -120,18 +122,13 @@ def shape_of(
     return 20.784609690826528 * det / (s * np.sqrt(s)) if s > 0.0 else 0.0
 
 
-@nb.njit(cache=True, nogil=True, inline="always")
-def shape(X, a, b, c, d):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN201 - inlined before it is typed
+@nb.njit(cache=True, nogil=True, forceinline=True)  # an array handed over is counted, unless inlined
+def shape(X: Array, a: int, b: int, c: int, d: int) -> float:
+    """`shape_of` four points."""
     return shape_of(
         X[a, 0], X[a, 1], X[a, 2], X[b, 0], X[b, 1], X[b, 2],
         X[c, 0], X[c, 1], X[c, 2], X[d, 0], X[d, 1], X[d, 2],
     )  # fmt: skip
-
-
-@nb.njit(cache=True, nogil=True)
-def _measure(M: Mesh, m: int) -> None:
-    for t in range(m):
-        M.q[t] = shape(M.X, M.T[t, 0], M.T[t, 1], M.T[t, 2], M.T[t, 3])
 
 
 @nb.njit(cache=True, nogil=True)
@@ -163,8 +160,10 @@ def star(M: Mesh, v: int, out: Indices) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
-def _mark_pinched(M: Mesh) -> None:
-    """Where the link of a point is no disc (on the boundary) or sphere, by its Euler characteristic."""
+def _survey(M: Mesh, m: int) -> None:
+    """Measure the first m tetrahedra, and mark boundary points whose link is no disc, by its Euler characteristic."""
+    for t in range(m):
+        M.q[t] = shape(M.X, M.T[t, 0], M.T[t, 1], M.T[t, 2], M.T[t, 3])
     out = np.empty(MOST, np.int64)
     for v in range(len(M.at)):
         if M.at[v] < 0 or not M.wall[v]:
@@ -335,7 +334,7 @@ def strays(
     Faces at the edge of v and u vanish. Infinite where a face turns by 30° or more.
 
     Args:
-        v, u: the point that moves and the one it moves onto, or NONE.
+        v, u: the point that moves and the one it moves onto, or itself.
         vx, vy, vz, ux, uy, uz: where it is and where it goes, mm.
         tets, held: the star of v.
     """
@@ -354,7 +353,7 @@ def strays(
                         b = w
                     else:
                         c = w
-            if u >= 0 and (b == u or c == u):  # noqa: PLR1714 - a tuple would be built in the kernel
+            if b == u or c == u:  # noqa: PLR1714 - a tuple would be built in the kernel
                 continue
             ex, ey, ez = X[c, 0] - X[b, 0], X[c, 1] - X[b, 1], X[c, 2] - X[b, 2]
             px, py, pz = vx - X[b, 0], vy - X[b, 1], vz - X[b, 2]
