@@ -25,7 +25,7 @@ Indices = npt.NDArray[np.int64]
 OUTSIDE = -1
 """The corner of a triangle beyond a hull edge; always its last."""
 
-FINE, COINCIDENT, TOO_CLOSE, FLAT = range(4)
+FINE, COINCIDENT, TOO_CLOSE, FLAT, FULL = range(5)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -47,8 +47,8 @@ def _hilbert(x: int, y: int) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
-def _insertion_order(P: Indices) -> Indices:
-    """Few scattered points first, then more and more, each round along the Hilbert curve."""
+def _insertion_keys(P: Indices) -> Indices:
+    """Ascending: few scattered points first, then more and more, each round along the Hilbert curve."""
     n = len(P)
     key = np.empty(n, np.int64)
     rounds = 0
@@ -63,7 +63,7 @@ def _insertion_order(P: Indices) -> Indices:
             mixed >>= 2
             level -= 1
         key[i] = (level << 40) | _hilbert(P[i, 0], P[i, 1])
-    return np.argsort(key)
+    return key
 
 
 @nb.njit(cache=True, nogil=True)
@@ -207,7 +207,6 @@ def _cut_share(P: Indices, a: int, b: int, acute_a: bool, acute_b: bool) -> floa
     return float(share if acute_a else 1.0 - share)
 
 
-@nb.njit(cache=True, nogil=True)
 def conforming_delaunay(
     X: Array, following: Indices, origin: Array, unit: float, shortest: float
 ) -> tuple[int, int, Array, Indices, Indices, Indices, Indices, Indices]:
@@ -224,17 +223,32 @@ def conforming_delaunay(
         have to be cut below `shortest`; FLAT: all points on one line); then points (mm), points (lattice), following,
         triangles (m, 3) that turn left, the triangles across from their corners (m, 3), a triangle at each point.
     """
+    P = np.round((X - origin) / unit).astype(np.int64)
+    order = np.argsort(_insertion_keys(P), kind="stable")
+    capacity = 2 * len(X) + 64
+    while True:
+        result = _conforming(X, P, order, following, origin, unit, shortest, capacity)
+        if result[0] != FULL:
+            return result
+        capacity *= 2
+
+
+@nb.njit(cache=True, nogil=True)
+def _conforming(
+    X: Array, given: Indices, order: Indices, following: Indices, origin: Array, unit: float, shortest: float,
+    capacity: int,
+) -> tuple[int, int, Array, Indices, Indices, Indices, Indices, Indices]:  # fmt: skip
+    """See `conforming_delaunay`; FULL where there would be more points than `capacity`."""
     n = len(X)
     most = 64 * n + 4096
-    capacity = 2 * n + 64
     places = np.empty((capacity, 2))
-    places[:n] = X
     P = np.empty((capacity, 2), np.int64)
     after = np.empty(capacity, np.int64)
     before = np.empty(capacity, np.int64)
     for i in range(n):
         for k in range(2):
-            P[i, k] = int(np.round((X[i, k] - origin[k]) / unit))
+            places[i, k] = X[i, k]
+            P[i, k] = given[i, k]
         after[i] = following[i]
         before[following[i]] = i
     acute = np.zeros(capacity, np.bool_)
@@ -248,7 +262,6 @@ def conforming_delaunay(
     rim = np.empty((2 * capacity + 8, 3), np.int64)
     fan = np.empty(2 * capacity + 8, np.int64)
     at = np.full(capacity + 1, -1, np.int64)
-    order = _insertion_order(P[:n])
     # The first triangle: the first two points, and the first one beside their line.
     second, third = 1, -1
     while second < n and P[order[second], 0] == P[order[0], 0] and P[order[second], 1] == P[order[0], 1]:
@@ -318,22 +331,7 @@ def conforming_delaunay(
         if length < max(2.0 * least, 8.0) or n >= most:
             return TOO_CLOSE, a, places[:n], P[:n], after[:n], tri[:0], across[:0], at[:n]
         if n == capacity:
-            capacity *= 2
-            places_, P_, after_, before_ = places, P, after, before
-            places, P = np.empty((capacity, 2)), np.empty((capacity, 2), np.int64)
-            after, before = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            places[:n], P[:n], after[:n], before[:n] = places_, P_, after_, before_
-            acute_, at_, queued_, waiting_ = acute, at, queued, waiting
-            acute, queued = np.zeros(capacity, np.bool_), np.zeros(capacity, np.bool_)
-            at, waiting = np.full(capacity + 1, -1, np.int64), np.empty(capacity, np.int64)
-            acute[:n], queued[:n], waiting[:n] = acute_, queued_, waiting_
-            at[:n] = at_[:n]
-            tri_, across_ = tri, across
-            tri, across = np.empty((2 * capacity + 8, 3), np.int64), np.empty((2 * capacity + 8, 3), np.int64)
-            tri[:count], across[:count] = tri_[:count], across_[:count]
-            mark = np.full(2 * capacity + 8, -1, np.int64)
-            cavity, fan = np.empty(2 * capacity + 8, np.int64), np.empty(2 * capacity + 8, np.int64)
-            rim = np.empty((2 * capacity + 8, 3), np.int64)
+            return FULL, a, places[:n], P[:n], after[:n], tri[:0], across[:0], at[:n]
         share = _cut_share(P, a, b, acute[a], acute[b])
         for k in range(2):
             places[n, k] = places[a, k] + share * (places[b, k] - places[a, k])

@@ -73,7 +73,7 @@ def overlay_tetrahedra(lower: Region, upper: Region) -> tuple[Indices, npt.NDArr
 
     First those on the triangles of the lower region, in their order, then those under the upper's, then the others.
     """
-    return _overlay(lower.diagram, upper.diagram)
+    return _overlay(lower.diagram, upper.diagram, 1)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -236,9 +236,10 @@ def _crossings(
 
 
 @nb.njit(cache=True, nogil=True)
-def _overlay(A: Diagram, B: Diagram) -> tuple[Indices, npt.NDArray[np.int8]]:
-    above = _nearest_of_all(A, B, 1)
-    below = _nearest_of_all(B, A, -1)
+def _overlay(A: Diagram, B: Diagram, shift: int) -> tuple[Indices, npt.NDArray[np.int8]]:
+    # The shift, always 1, comes from outside: each constant in a call would be compiled on its own.
+    above = _nearest_of_all(A, B, shift)
+    below = _nearest_of_all(B, A, -shift)
     before_a, before_b = np.empty(len(A.P), np.int64), np.empty(len(B.P), np.int64)
     before_a[A.following] = np.arange(len(A.P))
     before_b[B.following] = np.arange(len(B.P))
@@ -251,7 +252,7 @@ def _overlay(A: Diagram, B: Diagram) -> tuple[Indices, npt.NDArray[np.int8]]:
         for k in range(3):
             tets[m, k] = A.triangles[t, k]
         tets[m, 3] = v + n
-        threshold[m] = 0 if _in_sector(A.P, A.triangles, t, B.P, v, B.following[v], before_b[v], 1) else 1
+        threshold[m] = 0 if _in_sector(A.P, A.triangles, t, B.P, v, B.following[v], before_b[v], shift) else 1
         m += 1
     for t in B.inner:
         v = below[t]
@@ -261,10 +262,10 @@ def _overlay(A: Diagram, B: Diagram) -> tuple[Indices, npt.NDArray[np.int8]]:
             B.triangles[t, 1] + n,
         )
         tets[m, 3] = v
-        threshold[m] = 0 if _in_sector(B.P, B.triangles, t, A.P, v, A.following[v], before_a[v], -1) else 1
+        threshold[m] = 0 if _in_sector(B.P, B.triangles, t, A.P, v, A.following[v], before_a[v], -shift) else 1
         m += 1
-    tets, threshold, m = _crossings(A, B, above, 1, n, m, tets, threshold)
-    tets, threshold, m = _crossings(B, A, below, -1, n, m, tets, threshold)
+    tets, threshold, m = _crossings(A, B, above, shift, n, m, tets, threshold)
+    tets, threshold, m = _crossings(B, A, below, -shift, n, m, tets, threshold)
     return tets[:m].copy(), threshold[:m].copy()
 
 
