@@ -78,7 +78,7 @@ def demo(
 
 @app.command()
 def new(
-    part: Annotated[Path, typer.Argument(help="STL, PLY, OBJ or 3MF")],
+    part: Annotated[Path, typer.Argument(help="STL, PLY, OBJ or 3MF; or a toolpath.json")],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="JOB", help="the job folder to make")],
     cell: Annotated[
         str, typer.Option("--cell", help="a shipped cell or the path of a cell file")
@@ -95,7 +95,7 @@ def new(
     width: Annotated[float, typer.Option(min=0.1, help="bead width, mm")] = 20.0,
     speed: Annotated[float, typer.Option(min=0.1, help="print speed, mm/s")] = 80.0,
 ) -> None:
-    """Make a job folder with a commented job.toml from a part file."""
+    """Make a job folder with a commented job.toml from a part file or a toolpath."""
     said = new_job(
         part, out, cell=cell, mix=mix, units=units.value, longest=longest, up=up.value,
         thickness=thickness, width=width, speed=speed,

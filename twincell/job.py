@@ -1,7 +1,7 @@
 """The job folder: one print.
 
     job.toml        what is wanted
-    part.ply        the part, in mm, set down on the bed
+    part.ply        the part, in mm, set down on the bed; none where the job began with a toolpath
     toolpath.json   surface.ply (M)   volume.ply (M')
     program.npz     program.script
     journal.sqlite
@@ -24,7 +24,7 @@ from pydantic import Field, field_validator
 from analysis import FeaSettings
 from planning import Cell, ConfigurationError, Mix, PrintSettings, load_cell, load_mix
 from planning.configuration import Table, find_configuration, parse_table, read_toml
-from twins import Plane, PlaneStack, layer_planes
+from twins import Plane, PlaneStack, Toolpath, fingerprint, layer_planes
 
 from .errors import JobError
 
@@ -175,6 +175,15 @@ class Job:
             "part": _hash(_read(self.part)),
             "slicing": _hash(slicing.encode()),
             "width": _hash(width.encode()),
+        }
+
+    def edited_inputs(self, toolpath: Toolpath) -> dict[str, str]:
+        """SHA-256 of what the surface and the volume of a toolpath are made from that did not come from the part."""
+        inputs = self.slicing_inputs() if self.part.is_file() else {}
+        return {
+            **inputs,
+            "width": _hash(repr(self.settings.print.width).encode()),
+            "toolpath": fingerprint(toolpath),
         }
 
     def printing_inputs(self) -> dict[str, str]:

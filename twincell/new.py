@@ -1,4 +1,4 @@
-"""A new job from a part file."""
+"""A new job from a part file or a toolpath."""
 
 from __future__ import annotations
 
@@ -8,10 +8,18 @@ import numpy as np
 import trimesh
 
 from planning import load_cell, load_mix
-from twins import SurfaceError, make_surface, read_surface, repair_surface, save_surface
+from twins import (
+    SurfaceError,
+    load_toolpath,
+    make_surface,
+    read_surface,
+    repair_surface,
+    save_surface,
+    save_toolpath,
+)
 
 from .errors import JobError
-from .stages import MM, check_size
+from .part import MM, check_size
 
 UP = {
     "x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
@@ -74,19 +82,33 @@ def new_job(
         )
     load_cell(cell, folder)
     load_mix(mix, folder)
-    try:
-        surface, said = set_down(read_surface(part), units, longest, up)
-    except SurfaceError as error:
-        raise SurfaceError(f"{part}: {error}") from None
-    folder.mkdir(parents=True, exist_ok=True)
-    changes = [f"from {part.name}, read in {units}, {up} up", *said]
-    save_surface(surface, folder / "part.ply", changes)
-    size = np.ptp(np.asarray(surface.vertices), axis=0)
-    lines = [f"# {change}" for change in changes]
+    if part.suffix.lower() == ".json":
+        if units != "mm" or longest is not None or up != "z":
+            raise JobError(f"{part}: a toolpath is taken as it is; leave out --units, --longest and --up")
+        toolpath = load_toolpath(part)
+        said: list[str] = []
+        thickness = toolpath.thickness
+        folder.mkdir(parents=True, exist_ok=True)
+        save_toolpath(toolpath, folder / "toolpath.json")
+        table = f"# none: toolpath.json came from {part.name}"
+    else:
+        try:
+            surface, said = set_down(read_surface(part), units, longest, up)
+        except SurfaceError as error:
+            raise SurfaceError(f"{part}: {error}") from None
+        folder.mkdir(parents=True, exist_ok=True)
+        changes = [f"from {part.name}, read in {units}, {up} up", *said]
+        save_surface(surface, folder / "part.ply", changes)
+        size = " × ".join(f"{s:.1f}" for s in np.ptp(np.asarray(surface.vertices), axis=0))
+        table = "\n".join(
+            [
+                *(f"# {change}" for change in changes),
+                f'file = "part.ply"        # {size} mm, standing on z = 0',
+            ]
+        )
     (folder / "job.toml").write_text(
         JOB.format(
-            changes="\n".join(lines),
-            size=" × ".join(f"{s:.1f}" for s in size),
+            part=table,
             cell=_reference(cell),
             mix=_reference(mix),
             thickness=thickness,
@@ -113,8 +135,7 @@ cell = "{cell}"          # a shipped cell, or the path of your own file
 mix = "{mix}"
 
 [part]
-{changes}
-file = "part.ply"        # {size} mm, standing on z = 0
+{part}
 units = "mm"
 
 [slicing]

@@ -58,10 +58,18 @@ def print_job(
         if simulate:
             stack.enter_context(SimulatedCell.start(job.cell_file, time_scale=time_scale))
         show = stack.enter_context(_progress(console))
-        write_summary(
-            job.report, {**dict.fromkeys(MEASURED), "run": "stopped", "simulated": simulate, "dry": dry}
-        )
-        result = robot.run(program, job.cell, job.journal, progress=show)
+
+        def progress(state: robot.Progress) -> None:
+            if not began:  # a run that never begins leaves the last one's figures
+                began.append(True)
+                write_summary(
+                    job.report,
+                    {**dict.fromkeys(MEASURED), "run": "stopped", "simulated": simulate, "dry": dry},
+                )
+            show(state)
+
+        began: list[bool] = []
+        result = robot.run(program, job.cell, job.journal, progress=progress)
     values: dict[str, Any] = {
         "run": "complete",
         "simulated": simulate,

@@ -14,32 +14,22 @@ from twins import (
     SurfaceError,
     Toolpath,
     TwinsError,
-    check_surface,
     extrude,
+    fingerprint,
     inputs_of,
     load_toolpath,
-    make_surface,
-    read_surface,
     save_surface,
     save_toolpath,
     slice_reporting,
     toolpath_mesh,
 )
 
+from .edited import follow_edited, is_edited, keep_edited
 from .errors import JobError
 from .job import Job
+from .part import FIT, read_part
 
 LOG = logging.getLogger(__name__)
-
-MM = {"mm": 1.0, "m": 1000.0, "in": 25.4}
-
-SMALLEST = 10.0
-"""A part with a longest side below this is taken for one in another unit, mm."""
-
-LARGEST = 30_000.0
-
-FIT = 1e-3
-"""How far a part may lie outside its planes, as a share of the layer thickness: rounding of file formats."""
 
 
 @dataclass(frozen=True)
@@ -49,48 +39,6 @@ class Sliced:
     toolpath: Toolpath
     surface: trimesh.Trimesh
     volume: trimesh.Trimesh
-
-
-def read_part(job: Job) -> trimesh.Trimesh:
-    """The part of a job, in mm, checked.
-
-    Raises:
-        FormatError: it cannot be read.
-        SurfaceError: it does not bound a solid, has an unlikely size, or lies below the bed.
-    """
-    surface = read_surface(job.part)
-    factor = MM[job.settings.part.units]
-    surface = make_surface(np.asarray(surface.vertices) * factor, surface.faces)
-    try:
-        check_surface(surface)
-        check_size(surface, job.settings.part.units)
-    except SurfaceError as error:
-        raise SurfaceError(f"{job.part}: {error}") from None
-    bottom = float(np.asarray(surface.vertices)[:, 2].min())
-    if bottom < -FIT * job.settings.slicing.thickness:
-        raise SurfaceError(
-            f"{job.part}: the part reaches {-bottom:.6g} mm below the bed (z = 0); "
-            "set it down with 'twincell new', which moves it up"
-        )
-    return surface
-
-
-def check_size(surface: trimesh.Trimesh, units: str) -> None:
-    """Refuse a part whose size tells of another unit.
-
-    Raises:
-        SurfaceError: below 10 mm or above 30 m.
-    """
-    size = float(np.ptp(np.asarray(surface.vertices), axis=0).max())
-    if size < SMALLEST:
-        raise SurfaceError(
-            f"the part's longest side is {size:.4g} mm, read in {units}; if the file is in metres give --units m "
-            '(units = "m" in job.toml), or its size with --longest'
-        )
-    if size > LARGEST:
-        raise SurfaceError(
-            f"the part's longest side is {size / 1000:.4g} m, read in {units}; check the file's unit"
-        )
 
 
 def slice_job(job: Job) -> Sliced:
@@ -104,13 +52,13 @@ def slice_job(job: Job) -> Sliced:
     try:
         planes = slicing.planes(float(np.asarray(surface.vertices)[:, 2].max()))
         toolpath, remarks = slice_reporting(surface, planes, slicing.resolution)
-        for remark in remarks:
-            LOG.warning("%s: %s", job.part, remark)
         over = planes.nozzle[-1].height_of(np.asarray(surface.vertices))
         if float(over.max()) > FIT * planes.thickness:
             raise SurfaceError(
                 f"the part reaches {float(over.max()):.6g} mm above the top plane; raise that plane or cut the part"
             )
+        for remark in remarks:
+            LOG.warning("%s: %s", job.part, remark)
         mesh = toolpath_mesh(toolpath, slicing.resolution, surface)
         for remark in mesh.remarks:
             LOG.warning("%s: %s", job.part, remark)
@@ -124,17 +72,30 @@ def slice_job(job: Job) -> Sliced:
     except TwinsError as error:
         raise type(error)(f"{job.part}: {error}") from None
     inputs = job.slicing_inputs()
+    keep_edited(job)
     comments = [f"{name} sha256 {value}" for name, value in inputs.items()]
     save_surface(made.surface, job.surface, comments)
     save_surface(made.volume, job.volume, comments)
-    save_toolpath(toolpath, job.toolpath, inputs)  # last: it says that all three are fresh
+    # Last: it says that all three are fresh, and by its fingerprint that nobody has edited it.
+    save_toolpath(toolpath, job.toolpath, {**inputs, "toolpath": fingerprint(toolpath)})
     return made
 
 
 def sliced(job: Job) -> Toolpath:
-    """The toolpath of a job, sliced again if it is missing or stale."""
-    if inputs_of(job.toolpath) == job.slicing_inputs() and job.surface.is_file() and job.volume.is_file():
-        return load_toolpath(job.toolpath)
+    """The toolpath of a job, sliced again if it is missing or stale; one that was edited is used as it is."""
+    if job.toolpath.is_file():
+        try:
+            toolpath = load_toolpath(job.toolpath)
+        except TwinsError as error:
+            raise type(error)(
+                f"{error}; correct it, or slice the part anew: twincell slice {job.folder}"
+            ) from None
+        inputs = inputs_of(job.toolpath)
+        if inputs.pop("toolpath", "") != fingerprint(toolpath):
+            follow_edited(job, toolpath, inputs)
+            return toolpath
+        if inputs == job.slicing_inputs() and job.surface.is_file() and job.volume.is_file():
+            return toolpath
     return slice_job(job).toolpath
 
 
@@ -159,7 +120,9 @@ def planned(job: Job) -> tuple[Program, Toolpath]:
         JobError: it is older than what it was made from.
     """
     program = Program.load(job.program)
-    stale = inputs_of(job.toolpath) != job.slicing_inputs()
+    made_from = inputs_of(job.toolpath)
+    made_from.pop("toolpath", None)
+    stale = not is_edited(job) and made_from != job.slicing_inputs()
     changed = [name for name, value in job.printing_inputs().items() if program.inputs.get(name) != value]
     if stale or changed:
         what = ", ".join((["part or [slicing]"] if stale else []) + changed)

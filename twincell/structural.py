@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from analysis import SolverMissing, export_fea, solve
-from twins import read_surface
+from twins import inputs_of, read_surface
 
 from .job import Job
 from .stages import sliced
@@ -53,7 +53,7 @@ def fea_job(job: Job, console: Console) -> dict[str, Any]:
                 }
             except SolverMissing:
                 values["self_weight"] = NOT_SOLVED
-        values["inputs"] = job.slicing_inputs()
+        values["inputs"] = inputs_of(job.volume)
         (partial / "fea.json").write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")
         if job.fea.exists():
             shutil.rmtree(job.fea)

@@ -1,7 +1,7 @@
 """The twin engine: surface ⇄ toolpath."""
 
 from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, TwinsError
-from .exchange import inputs_of, load_toolpath, save_surface, save_toolpath
+from .exchange import fingerprint, inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
 from .layered import LayeredMesh, layered_mesh
 from .planes import PlaneStack, custom_planes, layer_planes
@@ -31,6 +31,7 @@ __all__ = [
     "check_surface",
     "custom_planes",
     "extrude",
+    "fingerprint",
     "inputs_of",
     "layer_planes",
     "layered_mesh",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,6 +16,9 @@ from .toolpath import Curve, Layer, Plane, Toolpath
 
 FORMAT = "twincell-toolpath"
 VERSION = 1
+
+UNIT_LENGTH = 1e-6
+"""Largest deviation of an axis from length 1."""
 
 
 def toolpath_as_dict(toolpath: Toolpath) -> dict[str, Any]:
@@ -48,6 +52,8 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
         raise FormatError(
             f"{where}: version {values.get('version')!r} is not readable here; this is version {VERSION}"
         )
+    if values.get("unit", "mm") != "mm":
+        raise FormatError(f"{where}: its unit is {values['unit']!r}; write lengths in mm, with unit \"mm\"")
     place = where
     try:
         base = _plane(values["base"])
@@ -68,8 +74,9 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
         raise FormatError(f"{place}: {error}") from None
 
 
-def save_toolpath(toolpath: Toolpath, path: Path, inputs: Mapping[str, str] | None = None) -> None:
+def save_toolpath(toolpath: Toolpath, path: Path | str, inputs: Mapping[str, str] | None = None) -> None:
     """Write a toolpath, with the SHA-256 of what it was made from; the file appears whole or not at all."""
+    path = Path(path)
     partial = path.with_name(path.name + ".partial")
     partial.write_text(
         json.dumps({**toolpath_as_dict(toolpath), "inputs": dict(inputs or {})}, separators=(",", ":")),
@@ -78,31 +85,50 @@ def save_toolpath(toolpath: Toolpath, path: Path, inputs: Mapping[str, str] | No
     partial.replace(path)
 
 
-def load_toolpath(path: Path) -> Toolpath:
+def load_toolpath(path: Path | str) -> Toolpath:
     """Read a toolpath written by `save_toolpath`.
 
     Raises:
         FormatError: the file is missing, no JSON, or not a toolpath.
     """
+    path = Path(path)
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(path.read_bytes())
     except FileNotFoundError:
         raise FormatError(f"{path}: no such file") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise FormatError(f"{path}: cannot be read as JSON: {error}") from None
+    except OSError as error:
+        raise FormatError(f"{path}: cannot be read: {error.strerror}; name a toolpath.json") from None
+    except UnicodeDecodeError:
+        raise FormatError(f"{path}: is not text; a toolpath is a JSON file such as a job's toolpath.json") from None
+    except (ValueError, RecursionError) as error:
+        raise FormatError(f"{path}: is not JSON: {error}") from None
     return toolpath_from_dict(values, str(path))
 
 
-def inputs_of(path: Path) -> dict[str, str]:
-    """The SHA-256 of what a toolpath file was made from, by name; empty where it does not say or cannot be read."""
+def inputs_of(path: Path | str) -> dict[str, str]:
+    """The SHA-256 of what a file of ours was made from, by name; empty where it does not say or cannot be read.
+
+    Toolpaths say so under `inputs`, surfaces in the comments of their header.
+    """
+    path = Path(path)
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        if path.suffix == ".ply":
+            with path.open("rb") as file:
+                header = file.read(65536).partition(b"end_header")[0].decode("ascii", "replace")
+            said = [line.split() for line in header.splitlines() if line.startswith("comment ")]
+            return {words[1]: words[3] for words in said if len(words) == 4 and words[2] == "sha256"}
+        values = json.loads(path.read_bytes())
         return {str(name): str(value) for name, value in values.get("inputs", {}).items()}
     except (OSError, ValueError, AttributeError):
         return {}
 
 
-def save_surface(surface: trimesh.Trimesh, path: Path, comments: Sequence[str] = ()) -> None:
+def fingerprint(toolpath: Toolpath) -> str:
+    """SHA-256 of what a toolpath says, however its file is laid out."""
+    return hashlib.sha256(json.dumps(toolpath_as_dict(toolpath), sort_keys=True).encode()).hexdigest()
+
+
+def save_surface(surface: trimesh.Trimesh, path: Path | str, comments: Sequence[str] = ()) -> None:
     """Write a surface as PLY with double precision; the file appears whole or not at all."""
     vertices = np.asarray(surface.vertices, dtype="<f8")
     faces = np.asarray(surface.faces)
@@ -116,6 +142,7 @@ def save_surface(surface: trimesh.Trimesh, path: Path, comments: Sequence[str] =
         f"element vertex {len(vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
+    path = Path(path)
     partial = path.with_name(path.name + ".partial")
     partial.write_bytes(header.encode("ascii", "replace") + vertices.tobytes() + rows.tobytes())
     partial.replace(path)
@@ -126,6 +153,9 @@ def _plane_as_dict(plane: Plane) -> dict[str, list[float]]:
 
 
 def _plane(values: dict[str, Any]) -> Plane:
+    for axis in ("x_axis", "y_axis"):
+        if abs(np.linalg.norm(np.asarray(values[axis], dtype=np.float64)) - 1.0) > UNIT_LENGTH:
+            raise ValueError(f"the {axis} of a plane must have length 1, not be {values[axis]}")
     return Plane(values["origin"], values["x_axis"], values["y_axis"])
 
 

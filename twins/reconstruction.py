@@ -30,7 +30,8 @@ from .memo import Memo
 from .overlay import Slab, slab_between
 from .refinement import Section, Truth, refine
 from .slab_measures import triangle_areas
-from .toolpath import Curve, Plane, Toolpath
+from .slicing import check_resolution
+from .toolpath import Curve, Layer, Plane, Toolpath
 from .triangulation import Lattice, Region, triangulate
 
 Array = npt.NDArray[np.float64]
@@ -135,6 +136,7 @@ def toolpath_mesh(
         interior: spacing of points to be added inside the regions, mm; they do not change M but refine its solid.
         memo: with it, only what has changed since the last call is built again.
     """
+    check_resolution(resolution)
     step = toolpath.thickness if resolution is None else float(resolution)
     memo = Memo() if memo is None else memo
     try:
@@ -166,7 +168,9 @@ def _solid(
     t = toolpath.thickness
     planes = (plane for layer in toolpath.layers for plane in (layer.slicing, layer.nozzle))
     frames = memo.map(_frames, [(0.5 * t, toolpath.base, *planes)])[0]
-    boxes = memo.map(_bounds, [(layer.curves, i) for i, layer in enumerate(toolpath.layers) if layer.curves])
+    boxes = memo.map(
+        _bounds, [(layer, toolpath.floor_of(i), i) for i, layer in enumerate(toolpath.layers) if layer.curves]
+    )
     if not boxes:
         raise ToolpathError("the toolpath has no curves: there is nothing to reconstruct")
     truth = None if surface is None else memo.map(Truth, [(surface, frames)])[0]
@@ -211,13 +215,20 @@ def _frames(step: float, *planes: Plane) -> Frames:
     return Frames(planes, step)
 
 
-def _bounds(curves: Sequence[Curve], layer: int) -> tuple[float, float, float, float]:
-    """The box around a layer's curves: least u, v and greatest u, v."""
-    for curve in curves:
+def _bounds(layer: Layer, floor: Plane, number: int) -> tuple[float, float, float, float]:
+    """The box around a layer's curves: least u, v and greatest u, v. There the layer's planes must be in order."""
+    for curve in layer.curves:
         if not curve.closed:
-            raise ToolpathError(f"layer {layer}: an open curve bounds no solid; close it first")
-    points = np.concatenate([curve.points for curve in curves])
+            raise ToolpathError(f"layer {number}: an open curve bounds no solid; close it first")
+    points = np.concatenate([curve.points for curve in layer.curves])
     (a, b), (c, d) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    corners = np.array([[a, b], [c, b], [c, d], [a, d]])
+    middle, top = layer.slicing.to_world(corners), layer.nozzle.to_world(corners)
+    if floor.height_of(middle).min() <= 0.0 or layer.slicing.height_of(top).min() <= 0.0:
+        raise ToolpathError(
+            f"layer {number}: its planes are not above those of the layer below; "
+            "layers run from the bed up, each with its slicing plane below its nozzle plane"
+        )
     return a, b, c, d
 
 

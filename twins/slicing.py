@@ -16,11 +16,14 @@ from .errors import PlanesError, ToolpathError
 from .planes import PlaneStack
 from .sampling import sample_layer_reporting
 from .surface import check_surface
-from .toolpath import Curve, Layer, Plane, Toolpath
+from .toolpath import FAR, Curve, Layer, Plane, Toolpath
 from .triangulation import Lattice, triangulate
 
 Array = npt.NDArray[np.float64]
 
+
+BEYOND = 1e-3
+"""How far a part may reach beyond its planes unsaid, as a share of the thickness: rounding of file formats."""
 
 LOWERED = (1e-6, 1e-5, 1e-4, 1e-3)
 """How far below its plane a layer is cut whose curves touch themselves there, as shares of the thickness."""
@@ -39,7 +42,8 @@ def slice_surface(surface: trimesh.Trimesh, planes: PlaneStack, resolution: floa
 
     Raises:
         SurfaceError: the mesh does not bound a solid.
-        PlanesError: the axis of a rotary stack does not clear the part, or slicing planes cross inside it.
+        PlanesError: the axis of a rotary stack does not clear the part, slicing planes cross inside it, or none meets
+            it.
     """
     return slice_reporting(surface, planes, resolution)[0]
 
@@ -59,13 +63,14 @@ def slice_reporting(
     cutter = SurfaceCutter(surface.vertices, surface.faces)
     if not cutter.bounds_a_solid():
         check_surface(surface)
-    if resolution is not None and not resolution > 0:
-        raise PlanesError(f"the resolution must be above 0 mm, not {resolution}")
+    check_resolution(resolution)
     _check_axis(surface, planes)
     step = planes.thickness if resolution is None else float(resolution)
     said: list[str] = []
     layers = []
-    numbers = range(len(planes)) if numbers is None else numbers
+    if numbers is None:
+        said += _beyond(surface, planes)
+        numbers = range(len(planes))
     grazed = set(cutter.grazed(planes.slicing, LOWERED[-1] * planes.thickness))
     stack = cutter.cut(planes.slicing)
     for i, (polygons, slicing, nozzle) in enumerate(zip(stack, planes.slicing, planes.nozzle, strict=True)):
@@ -86,6 +91,44 @@ def slice_reporting(
         said += [f"layer {numbers[i]}: {loop}" for loop in dropped]
         layers.append(Layer(slicing, nozzle, tuple(Curve(points) for points in curves)))
     return Toolpath(planes.base, tuple(layers), planes.thickness), said
+
+
+def check_resolution(resolution: object) -> None:
+    """Refuse a distance L_R of sample points that is none.
+
+    Raises:
+        PlanesError: it is neither None nor a number above 0.
+    """
+    if resolution is not None and not (
+        isinstance(resolution, int | float | np.number) and 0 < float(resolution) <= FAR
+    ):
+        raise PlanesError(f"the resolution must be a number of mm above 0, not {resolution!r}")
+
+
+def _beyond(surface: trimesh.Trimesh, planes: PlaneStack) -> list[str]:
+    """What of a part lies below the bed or above the last plane, and so in no layer.
+
+    Raises:
+        PlanesError: all of it.
+    """
+    vertices = np.asarray(surface.vertices)
+    under, over = planes.base.height_of(vertices), planes.nozzle[-1].height_of(vertices)
+    if not len(vertices) or under.max() <= 0.0 or over.min() >= 0.0:
+        low, high = (vertices.min(axis=0), vertices.max(axis=0)) if len(vertices) else (0.0, 0.0)
+        raise PlanesError(
+            f"no layer meets the part, which reaches from {np.round(low, 3)} to {np.round(high, 3)} mm; "
+            "set it down between bed and top plane"
+        )
+    if planes.slicing[0].height_of(vertices).max() < 0.0:
+        raise PlanesError(
+            f"the part reaches only {under.max():.4g} mm above the bed, below the middle of the first layer of "
+            f"{planes.thickness:.4g} mm; use thinner layers, and check its unit: lengths are in mm"
+        )
+    said = []
+    for name, beyond in (("below the bed", -float(under.min())), ("above the top plane", float(over.max()))):
+        if beyond > BEYOND * planes.thickness:
+            said.append(f"the part reaches {beyond:.4g} mm {name}; what is there is in no layer")
+    return said
 
 
 def _bound_a_region(curves: Sequence[Array], resolution: float) -> bool:

@@ -37,12 +37,13 @@ def make_surface(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> trimesh.Trime
     )
 
 
-def read_surface(path: Path) -> trimesh.Trimesh:
+def read_surface(path: Path | str) -> trimesh.Trimesh:
     """The mesh in an STL, PLY, OBJ or 3MF file, in the file's unit, with equal vertices merged.
 
     Raises:
         FormatError: no such file, an unknown ending, a file that holds no triangles or a point beyond 1 km.
     """
+    path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise FormatError(
             f"{path}: unknown ending '{path.suffix}'; a part is read from {', '.join(SUFFIXES)}"
@@ -124,7 +125,8 @@ def check_edges(vertices: Array, faces: Faces) -> None:
         places = "; ".join(str(hole_at(vertices, rim)) for rim in holes[:5])
         more = f"; and {len(holes) - 5} more" if len(holes) > 5 else ""
         raise SurfaceError(
-            f"the surface is open: {len(open_edges)} open edges in {len(holes)} holes: {places}{more}"
+            f"the surface is open: {len(holes)} {'hole' if len(holes) == 1 else 'holes'}: {places}{more}; "
+            "close it, or let repair_surface do it"
         )
     if len(twisted):
         raise SurfaceError(

@@ -24,14 +24,19 @@ FAR = 1e6
 
 def read_only(values: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -> Array:
     """A finite, read-only float64 copy of `values` with the given shape (None: any length)."""
-    array = np.array(values, dtype=np.float64)
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        wanted = ", ".join("n" if n is None else str(n) for n in shape)
+        raise ToolpathError(f"{what} must be numbers of shape ({wanted}), each row of the same length") from None
     if array.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
     ):
         wanted = ", ".join("n" if n is None else str(n) for n in shape)
         raise ToolpathError(f"{what} must have shape ({wanted}), not {array.shape}")
-    if not (np.abs(array) <= FAR).all():
-        raise ToolpathError(f"{what} holds a value that is not a number within 1 km")
+    if not (near := np.abs(array) <= FAR).all():
+        at = int(np.argwhere(~near)[0][0])
+        raise ToolpathError(f"{what} must be finite and within 1 km; value {at} is {array[at].tolist()}")
     array.setflags(write=False)
     return array
 

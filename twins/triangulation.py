@@ -97,11 +97,15 @@ def triangulate(
     if state == FLAT:
         raise ToolpathError(f"{where}: all points lie on one line and enclose nothing")
     if state != FINE:
-        place = points[at]
-        what = "two points coincide" if state == COINCIDENT else "curves touch or cross"
+        place = f"near ({points[at, 0]:.3f}, {points[at, 1]:.3f}) in the plane"
+        if state == COINCIDENT:
+            raise ToolpathError(
+                f"{where}: two points coincide {place}; remove curves that are there twice and points that repeat, "
+                "also a last point that repeats the first of a closed curve"
+            )
         raise ToolpathError(
-            f"{where}: {what} near ({place[0]:.3f}, {place[1]:.3f}) in the plane; curves touch or cross there: "
-            "unite bodies that overlap, or sample finer where walls nearly touch"
+            f"{where}: curves touch or cross {place}; a curve must not cross itself, bodies that overlap must be "
+            "united, and walls that nearly touch sampled finer"
         )
     inside, disagreement = _classify(triangles, across, following)
     if disagreement or not inside.any():

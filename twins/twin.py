@@ -20,7 +20,7 @@ from .errors import ToolpathError
 from .memo import Memo
 from .planes import PlaneStack
 from .reconstruction import ToolpathMesh, toolpath_mesh
-from .slicing import slice_reporting
+from .slicing import check_resolution, slice_reporting
 from .surface import check_surface
 from .toolpath import Curve, Layer, Toolpath
 
@@ -63,7 +63,11 @@ class Twin:
             toolpath: interior left.
             resolution: L_R, mm; default the layer thickness.
             executor: works on layers side by side.
+
+        Raises:
+            PlanesError: the resolution is not above 0.
         """
+        check_resolution(resolution)
         twin = cls.__new__(cls)
         twin._begin(toolpath, None, None, resolution, executor)  # noqa: SLF001 - a second constructor
         return twin
@@ -146,9 +150,9 @@ class Twin:
                 raise ToolpathError(
                     f"there is no layer {index}: the toolpath has layers 0 to {len(layers) - 1}"
                 )
-            if not all(isinstance(curve, Curve) for curve in new):
+            if isinstance(new, Curve) or not all(isinstance(curve, Curve) for curve in new):
                 raise ToolpathError(
-                    f"layer {index}: its new curves must be Curve objects, made of (n, 2) points"
+                    f"layer {index}: give a list of Curve objects, each made of (n, 2) points"
                 )
             layers[index] = Layer(layers[index].slicing, layers[index].nozzle, tuple(new))
         before = self._toolpath, self._edited, self._mesh

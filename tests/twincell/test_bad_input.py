@@ -54,7 +54,7 @@ def test_a_part_edited_by_hand(job, twincell, one_sentence):
     write(below, job / "part.ply")
     one_sentence(twincell("plan", job), "part.ply", "5 mm below the bed")
     write(trimesh.Trimesh(good.vertices, np.asarray(good.faces)[:-2], process=False), job / "part.ply")
-    one_sentence(twincell("slice", job), "part.ply", "open edges in 1 holes")
+    one_sentence(twincell("slice", job), "part.ply", "the surface is open: 1 hole")
     (job / "part.ply").write_bytes(b"ply\nnonsense")
     one_sentence(twincell("slice", job), "part.ply")
 

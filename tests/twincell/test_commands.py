@@ -6,7 +6,7 @@ import trimesh
 from shapes import manifold_faults, torus
 
 from planning import Program
-from twins import load_toolpath
+from twins import Curve, Twin, load_toolpath, save_toolpath, signed_volume
 
 
 @pytest.fixture
@@ -75,3 +75,46 @@ def test_a_failed_stage_leaves_the_job_as_it_was(tmp_path, part, twincell, one_s
     settings.write_text(settings.read_text().replace("# height = 300.0", "height = 20.0 #"))
     one_sentence(twincell("plan", job), "part.ply", "above the top plane")
     assert {p.name: p.read_bytes() for p in job.iterdir() if p.is_file() and p.name != "job.toml"} == before
+
+
+def edit(job, layer, factor):
+    """Scale the curves of one layer, as a user would."""
+    twin = Twin.from_toolpath(load_toolpath(job / "toolpath.json"))
+    curves = twin.toolpath.layers[layer].curves
+    twin.replace_layer(layer, [Curve(factor * curve.points) for curve in curves])
+    save_toolpath(twin.toolpath, job / "toolpath.json")
+    return twin.toolpath
+
+
+def test_an_edited_toolpath_is_printed_and_never_lost(tmp_path, part, twincell, caplog):
+    job = tmp_path / "job"
+    twincell("new", part, "-o", job)
+    twincell("plan", job)
+    before = trimesh.load(job / "surface.ply", process=False)
+    edited = edit(job, 2, 0.9)
+    written = (job / "toolpath.json").read_bytes()
+    assert twincell("plan", job)[0] == 0
+    assert "edited" in caplog.text
+    assert (job / "toolpath.json").read_bytes() == written
+    assert twincell("check", job)[0] == 0
+    summary = json.loads((job / "report" / "summary.json").read_text())
+    assert summary["path_length_m"] == pytest.approx(edited.length / 1000.0, abs=1e-4)
+    after = trimesh.load(job / "surface.ply", process=False)
+    assert manifold_faults(after) == (0, 0)
+    assert after.volume < before.volume
+    assert twincell("slice", job)[0] == 0
+    assert (job / "toolpath-edited-1.json").read_bytes() == written
+    assert np.array_equal(trimesh.load(job / "surface.ply", process=False).vertices, before.vertices)
+
+
+def test_a_job_can_begin_with_a_toolpath(tmp_path, part, twincell, one_sentence):
+    twincell("new", part, "-o", tmp_path / "first")
+    twincell("slice", tmp_path / "first")
+    job = tmp_path / "second"
+    assert twincell("new", tmp_path / "first" / "toolpath.json", "-o", job)[0] == 0
+    assert not (job / "part.ply").exists()
+    assert twincell("plan", job)[0] == 0
+    assert twincell("check", job)[0] == 0
+    assert signed_volume(trimesh.load(job / "surface.ply", process=False)) > 0
+    one_sentence(twincell("slice", job), "part.ply", "no such file")
+    one_sentence(twincell("new", job / "toolpath.json", "-o", tmp_path / "c", "--longest", 10), "as it is")

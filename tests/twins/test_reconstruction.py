@@ -266,3 +266,13 @@ def test_faulty_curves_are_refused_with_their_layer():
         reconstruct(toolpath(Curve(ring, closed=False)))
     with pytest.raises(ToolpathError, match="width"):
         extrude(toolpath(Curve(ring)), 0.0)
+
+
+def test_layers_in_the_wrong_order_are_refused():
+    toolpath = stack("torus lying", rotary=False)
+    reverse = Toolpath(BED, toolpath.layers[::-1], toolpath.thickness)
+    with pytest.raises(ToolpathError, match="layer 1: its planes are not above"):
+        reconstruct(reverse)
+    swapped = [Layer(layer.nozzle, layer.slicing, layer.curves) for layer in toolpath.layers]
+    with pytest.raises(ToolpathError, match="layer 0: its planes are not above"):
+        reconstruct(Toolpath(BED, tuple(swapped), toolpath.thickness))

@@ -292,7 +292,7 @@ def test_an_axis_through_the_part_is_refused_with_its_distance():
 @pytest.mark.parametrize(
     ("spoil", "says"),
     [
-        (lambda v, f: (v, f[:-1]), "3 open edges in 1 holes"),
+        (lambda v, f: (v, f[:-1]), "open: 1 hole: hole of 3 edges"),
         (lambda v, f: (v, f[:, ::-1]), "inside out"),
         (lambda v, f: (v, np.vstack([f, f[0]])), "not manifold"),
         (lambda v, f: (v, np.vstack([f[1:], f[0][::-1]])), "not consistently oriented"),
@@ -338,6 +338,7 @@ def test_a_plane_through_a_saddle_gives_curves_that_do_not_touch(near):
     flat = [Plane.horizontal(z) for z in (saddle - 10.0, saddle, saddle + 10.0)]
     nozzle = [Plane.horizontal(z + 5.0) for z in (saddle - 10.0, saddle, saddle + 10.0)]
     toolpath, said = slice_reporting(surface, custom_planes(BED, flat, nozzle), 5.0)
+    said = [remark for remark in said if "the top plane" not in remark]
     assert len(said) == 1
     assert "layer 1 is cut" in said[0]
     rings = [shapely.LinearRing(curve.points) for curve in toolpath.layers[1].curves]
@@ -356,3 +357,17 @@ def test_loops_too_small_for_a_curve_are_reported():
     assert [len(layer.curves) for layer in toolpath.layers] == [1, 0]
     assert len(said) == 1
     assert said[0].startswith("layer 1: loop 0 at")
+
+
+def test_a_part_beyond_its_planes_is_told_and_one_outside_refused():
+    surface = sphere(50.0)
+    assert "50 mm above the top plane" in slice_reporting(surface, layer_planes(BED, 50.0, 5.0))[1][0]
+    moved = make_surface(surface.vertices + [0.0, 0.0, 200.0], surface.faces)
+    with pytest.raises(PlanesError, match="no layer meets the part"):
+        slice_surface(moved, layer_planes(BED, 100.0, 5.0))
+    tiny = make_surface(surface.vertices / 1000.0, surface.faces)
+    with pytest.raises(PlanesError, match=r"below the middle of the first layer.*check its unit"):
+        slice_surface(tiny, layer_planes(BED, 100.0, 5.0))
+    for resolution in (0, -1.0, float("nan"), "10"):
+        with pytest.raises(PlanesError, match="resolution"):
+            slice_surface(surface, layer_planes(BED, 100.0, 5.0), resolution)
