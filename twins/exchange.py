@@ -53,7 +53,7 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
             f"{where}: version {values.get('version')!r} is not readable here; this is version {VERSION}"
         )
     if values.get("unit", "mm") != "mm":
-        raise FormatError(f"{where}: its unit is {values['unit']!r}; write lengths in mm, with unit \"mm\"")
+        raise FormatError(f'{where}: its unit is {values["unit"]!r}; write lengths in mm, with unit "mm"')
     place = where
     try:
         base = _plane(values["base"])
@@ -99,7 +99,9 @@ def load_toolpath(path: Path | str) -> Toolpath:
     except OSError as error:
         raise FormatError(f"{path}: cannot be read: {error.strerror}; name a toolpath.json") from None
     except UnicodeDecodeError:
-        raise FormatError(f"{path}: is not text; a toolpath is a JSON file such as a job's toolpath.json") from None
+        raise FormatError(
+            f"{path}: is not text; a toolpath is a JSON file such as a job's toolpath.json"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{path}: is not JSON: {error}") from None
     return toolpath_from_dict(values, str(path))

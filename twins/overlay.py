@@ -262,7 +262,9 @@ def _overlay(A: Diagram, B: Diagram, shift: int) -> tuple[Indices, npt.NDArray[n
             B.triangles[t, 1] + n,
         )
         tets[m, 3] = v
-        threshold[m] = 0 if _in_sector(B.P, B.triangles, t, A.P, v, A.following[v], before_a[v], -shift) else 1
+        threshold[m] = (
+            0 if _in_sector(B.P, B.triangles, t, A.P, v, A.following[v], before_a[v], -shift) else 1
+        )
         m += 1
     tets, threshold, m = _crossings(A, B, above, shift, n, m, tets, threshold)
     tets, threshold, m = _crossings(B, A, below, -shift, n, m, tets, threshold)

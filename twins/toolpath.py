@@ -28,7 +28,9 @@ def read_only(values: npt.ArrayLike, shape: tuple[int | None, ...], what: str) -
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
         wanted = ", ".join("n" if n is None else str(n) for n in shape)
-        raise ToolpathError(f"{what} must be numbers of shape ({wanted}), each row of the same length") from None
+        raise ToolpathError(
+            f"{what} must be numbers of shape ({wanted}), each row of the same length"
+        ) from None
     if array.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
     ):
