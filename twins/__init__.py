@@ -1,11 +1,26 @@
 """The twin engine: surface ⇄ toolpath."""
 
+from .curves.bead_width import BeadCover, WidthVariation, bead_cover, vary_width
+from .curves.close_points import Spacing, spacing
+from .curves.overfill import OverfillRelief, relieve_overfill
+from .curves.resampling import resample
+from .curves.smoothing import Smoothed, smooth
+from .curves.turning import largest_turning
+from .curves.zones import Zones
 from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, TwinsError
 from .exchange import fingerprint, inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
 from .layered import LayeredMesh, layered_mesh
 from .planes import PlaneStack, custom_planes, layer_planes
 from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
+from .regions.booleans import BooleanResult, difference, intersection, union
+from .regions.cleaning import CleanResult, clean
+from .regions.edits import join_layers, mirror, move, reorder, reverse, rotate, scale, split_layers
+from .regions.joined_layers import JoinResult
+from .regions.merge_regions import merge_regions
+from .regions.offsetting import OffsetResult, offset
+from .regions.outlines import oriented, regions_of
+from .regions.simplify_regions import simplify_regions
 from .repair import repair_surface
 from .slicing import slice_reporting, slice_surface
 from .surface import check_surface, make_surface, read_surface, signed_volume
@@ -14,37 +29,71 @@ from .twin import Twin
 from .visual import visual_mesh
 
 __all__ = [
+    "BeadCover",
+    "BooleanResult",
+    "CleanResult",
     "Curve",
     "FormatError",
+    "JoinResult",
     "Layer",
     "LayeredMesh",
+    "OffsetResult",
+    "OverfillRelief",
     "Plane",
     "PlaneStack",
     "PlanesError",
+    "Smoothed",
+    "Spacing",
     "SurfaceError",
     "Toolpath",
     "ToolpathError",
     "ToolpathMesh",
     "Twin",
     "TwinsError",
+    "WidthVariation",
+    "Zones",
+    "bead_cover",
     "bead_outlines",
     "check_surface",
+    "clean",
     "custom_planes",
+    "difference",
     "extrude",
     "fingerprint",
     "inputs_of",
+    "intersection",
+    "join_layers",
+    "largest_turning",
     "layer_planes",
     "layered_mesh",
     "load_toolpath",
     "make_surface",
+    "merge_regions",
+    "mirror",
+    "move",
+    "offset",
+    "oriented",
     "read_surface",
     "reconstruct",
+    "regions_of",
+    "relieve_overfill",
+    "reorder",
     "repair_surface",
+    "resample",
+    "reverse",
+    "rotate",
     "save_surface",
     "save_toolpath",
+    "scale",
     "signed_volume",
+    "simplify_regions",
     "slice_reporting",
     "slice_surface",
+    "smooth",
+    "spacing",
+    "split_layers",
     "toolpath_mesh",
+    "union",
+    "vary_width",
     "visual_mesh",
 ]

@@ -39,6 +39,9 @@ CLEFT = 2.5e-3
 
 TRIES = 5
 
+NUDGES = (1e-9, 1e-7, 1e-5)
+"""How much wider a bead is drawn that came out crossing itself, as shares of its radius."""
+
 
 def extrude(
     toolpath: Toolpath,
@@ -181,8 +184,20 @@ def bead_region(curves: Sequence[Curve], width: float, extra: float) -> BaseGeom
         else:
             lines.append(points)
     if lines:
-        beads.append(shapely.MultiLineString(lines).buffer(0.5 * width + extra, quad_segs=QUAD_SEGS))
+        beads += _buffered(lines, 0.5 * width + extra)
     return shapely.union_all(beads)
+
+
+def _buffered(lines: Sequence[Array], radius: float) -> list[BaseGeometry]:
+    """The discs along paths. GEOS now and then draws a buffer that crosses itself; a trifle wider it does not."""
+    paths = np.array([shapely.LineString(line) for line in lines])
+    found = shapely.buffer(paths, radius, quad_segs=QUAD_SEGS)
+    for nudge in NUDGES:
+        crossed = ~shapely.is_valid(found)
+        if not crossed.any():
+            break
+        found[crossed] = shapely.buffer(paths[crossed], radius * (1.0 + nudge), quad_segs=QUAD_SEGS)
+    return list(found)
 
 
 def _tapering(points: Array, radii: Array, *, closed: bool) -> list[BaseGeometry]:

@@ -1,0 +1,1 @@
+"""Regions of layers: booleans, offsets, joins, cleaning and edits of toolpaths."""
