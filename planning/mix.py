@@ -22,6 +22,9 @@ class Mix(Table):
         poisson: Poisson's ratio.
         layer_interval_min_s, layer_interval_max_s: between neighbouring layers: strength and cold joint, s.
         open_time_s: from mixing until it must have left the nozzle, s.
+        max_overhang_by_ground: local overhang d / t, measured along gravity, that it takes; None: not known.
+        max_overhang_by_layer: the same between neighbouring layers whichever way gravity points: for materials that
+            are stiff as they leave the nozzle, such as polymers; None: not known.
     """
 
     name: str
@@ -31,6 +34,8 @@ class Mix(Table):
     layer_interval_min_s: Annotated[float, Field(ge=0)] = 0.0
     layer_interval_max_s: Positive
     open_time_s: Positive
+    max_overhang_by_ground: Positive | None = None
+    max_overhang_by_layer: Positive | None = None
 
     @property
     def density(self) -> float:

@@ -24,6 +24,8 @@ from .demo import demo as run_demo
 from .errors import JobError
 from .job import load_job
 from .new import new_job
+from .optimizing import optimize_surface, optimize_toolpath
+from .overhangs import draw_overhangs, overhangs_of
 from .printing import print_job, simulate_cell
 from .report import draw, summarise, write_summary
 from .stages import plan_job, planned, slice_job
@@ -35,6 +37,10 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+optimize = typer.Typer(
+    help="Optimise a job's part or toolpath; what was there before is kept.", no_args_is_help=True
+)
+app.add_typer(optimize, name="optimize")
 console = Console()
 errors = Console(stderr=True)
 
@@ -59,6 +65,23 @@ class Up(StrEnum):
     Y = "y"
     Z = "z"
 
+
+class Against(StrEnum):
+    """What overhang is measured against."""
+
+    GROUND = "ground"
+    LAYER = "layer"
+
+
+class Side(StrEnum):
+    """To which side of itself a curve may be moved."""
+
+    IN = "in"
+    OUT = "out"
+    BOTH = "both"
+
+
+SIDES = {Side.IN: 1, Side.OUT: -1, Side.BOTH: 0}
 
 JobFolder = Annotated[Path, typer.Argument(metavar="JOB", help="the job folder")]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
@@ -140,6 +163,77 @@ def reconstruct_(
     console.print(
         f"wrote {out}: {len(mesh.surface.faces)} triangles", highlight=False, markup=False, soft_wrap=True
     )
+
+
+@app.command()
+def overhang(
+    sources: Annotated[
+        list[Path], typer.Argument(metavar="JOB|TOOLPATH|MESH…", help="what to measure, one or several")
+    ],
+    reference: Annotated[
+        Against, typer.Option(help="down to the layer below, or square to it")
+    ] = Against.GROUND,
+    limit: Annotated[float | None, typer.Option(help="of d/t; by default that of the job's mix")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="the PNG file to write")] = Path("overhang.png"),
+    as_json: Json = False,
+) -> None:
+    """Measure local overhang d/t: distance from the layer below over layer height; draw how it is distributed."""
+    schemes = overhangs_of(sources, reference.value, limit)
+    draw_overhangs(schemes, out)
+    _result({scheme.name: scheme.as_dict() for scheme in schemes}, as_json)
+    if not as_json:
+        console.print(f"wrote {out}", highlight=False, markup=False, soft_wrap=True)
+
+
+@optimize.command("surface")
+def optimize_surface_(
+    job: JobFolder,
+    limit: Annotated[
+        float | None, typer.Option(metavar="DEG", help="greatest angle of overhang; by default the mix's")
+    ] = None,
+    strength: Annotated[float, typer.Option(help="weight of the limit against the shape")] = 10.0,
+    lock_below: Annotated[float, typer.Option(metavar="MM", help="what is at most so high stays")] = 0.0,
+    lock_above: Annotated[
+        float | None, typer.Option(metavar="MM", help="what is at least so high stays")
+    ] = None,
+    lock_sides: Annotated[bool, typer.Option(help="what is on the bounding box's sides stays")] = False,
+    both: Annotated[bool, typer.Option(help="count what leans inwards, too")] = False,
+    as_json: Json = False,
+) -> None:
+    """Deform the job's part until no face leans beyond a limit."""
+    with console.status("relaxing the overhang") as status:
+        values = optimize_surface(
+            load_job(job), limit_deg=limit, strength=strength, lock_below=lock_below, lock_above=lock_above,
+            lock_sides=lock_sides, both=both,
+            progress=lambda share: status.update(f"relaxing the overhang: {100 * share:.0f} %"),
+        )  # fmt: skip
+    _result(values, as_json)
+
+
+@optimize.command("toolpath")
+def optimize_toolpath_(
+    job: JobFolder,
+    min_distance: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="between the middles of beads; default the width; 0: leave"),
+    ] = None,
+    min_radius: Annotated[
+        float | None, typer.Option(metavar="MM", help="of turns; default half the width; 0: leave")
+    ] = None,
+    side: Annotated[Side, typer.Option(help="to which side rounding may move curves")] = Side.BOTH,
+    protect: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="a closed mesh, or polygons in JSON, in which the toolpath stays"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Move apart runs of the toolpath that are too close, and round what is bent too sharply."""
+    with console.status("slicing") as status:
+        values = optimize_toolpath(
+            load_job(job), min_distance=min_distance, min_radius=min_radius, side=SIDES[side], protect=protect or [],
+            progress=lambda what, share: status.update(f"{what}: {100 * share:.0f} %"),
+        )  # fmt: skip
+    _result(values, as_json)
 
 
 @app.command("plan")

@@ -11,6 +11,14 @@ from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, Twins
 from .exchange import fingerprint, inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
 from .layered import LayeredMesh, layered_mesh
+from .overhang.balance import GlobalOverhang, global_overhang
+from .overhang.distribution import OverhangDistribution, overhang_distribution
+from .overhang.local import LocalOverhang, local_overhang
+from .overhang.locks import lock_base, lock_bounds, lock_box, lock_faces, lock_plane, lock_rim, lock_solid
+from .overhang.orientation import Orientation, OrientationRanking, best_orientation
+from .overhang.relaxation import OverhangRelaxation, relax_overhang
+from .overhang.supporters import Reference
+from .overhang.surfaces import SurfaceOverhang, surface_overhang
 from .planes import PlaneStack, custom_planes, layer_planes
 from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
 from .regions.booleans import BooleanResult, difference, intersection, union
@@ -34,17 +42,25 @@ __all__ = [
     "CleanResult",
     "Curve",
     "FormatError",
+    "GlobalOverhang",
     "JoinResult",
     "Layer",
     "LayeredMesh",
+    "LocalOverhang",
     "OffsetResult",
+    "Orientation",
+    "OrientationRanking",
     "OverfillRelief",
+    "OverhangDistribution",
+    "OverhangRelaxation",
     "Plane",
     "PlaneStack",
     "PlanesError",
+    "Reference",
     "Smoothed",
     "Spacing",
     "SurfaceError",
+    "SurfaceOverhang",
     "Toolpath",
     "ToolpathError",
     "ToolpathMesh",
@@ -54,12 +70,14 @@ __all__ = [
     "Zones",
     "bead_cover",
     "bead_outlines",
+    "best_orientation",
     "check_surface",
     "clean",
     "custom_planes",
     "difference",
     "extrude",
     "fingerprint",
+    "global_overhang",
     "inputs_of",
     "intersection",
     "join_layers",
@@ -67,15 +85,25 @@ __all__ = [
     "layer_planes",
     "layered_mesh",
     "load_toolpath",
+    "local_overhang",
+    "lock_base",
+    "lock_bounds",
+    "lock_box",
+    "lock_faces",
+    "lock_plane",
+    "lock_rim",
+    "lock_solid",
     "make_surface",
     "merge_regions",
     "mirror",
     "move",
     "offset",
     "oriented",
+    "overhang_distribution",
     "read_surface",
     "reconstruct",
     "regions_of",
+    "relax_overhang",
     "relieve_overfill",
     "reorder",
     "repair_surface",
@@ -92,6 +120,7 @@ __all__ = [
     "smooth",
     "spacing",
     "split_layers",
+    "surface_overhang",
     "toolpath_mesh",
     "union",
     "vary_width",

@@ -1,0 +1,255 @@
+"""Optimising a job's part or toolpath; the job stays a pair of twins, and what was there before is kept."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from twins import (
+    FormatError,
+    Plane,
+    Toolpath,
+    TwinsError,
+    Zones,
+    inputs_of,
+    lock_bounds,
+    lock_plane,
+    make_surface,
+    read_surface,
+    reconstruct,
+    relax_overhang,
+    relieve_overfill,
+    resample,
+    save_surface,
+    save_toolpath,
+    smooth,
+)
+
+from .edited import is_edited, keep_edited
+from .errors import JobError
+from .job import Job
+from .part import read_part
+from .stages import sliced
+
+SEGMENTS = 6.0
+"""Points of a toolpath to be smoothed lie no farther apart than its least radius over this."""
+
+Told = Callable[[float], None]
+
+
+def optimize_surface(
+    job: Job,
+    *,
+    limit_deg: float | None,
+    strength: float,
+    lock_below: float,
+    lock_above: float | None,
+    lock_sides: bool,
+    both: bool,
+    progress: Told,
+) -> dict[str, Any]:
+    """Deform the job's part until no face leans beyond a limit; the part before is kept as `part-before-N.ply`.
+
+    Args:
+        job: with a part.
+        limit_deg: angle of overhang; by default from the mix's largest overhang by ground.
+        strength: λ.
+        lock_below, lock_above: vertices at most so high, or at least so high, stay, mm.
+        lock_sides: vertices on the sides of the part's bounding box stay.
+        both: count what leans inwards as well.
+        progress: is told the share done.
+
+    Returns:
+        figures before and after.
+
+    Raises:
+        JobError: no limit is given and the mix has none.
+        TwinsError: the part cannot be used, or an argument is out of its range.
+    """
+    if limit_deg is None:
+        if job.mix.max_overhang_by_ground is None:
+            raise JobError(f"{job.mix_file}: has no max_overhang_by_ground; give --limit in degrees")
+        limit_deg = math.degrees(math.atan(job.mix.max_overhang_by_ground))
+    if job.part.suffix.lower() != ".ply":
+        raise JobError(f"{job.part}: only a PLY can be written back; 'twincell new' makes a job with one")
+    surface = read_part(job)
+    heights = np.asarray(surface.vertices)[:, 2]
+    planes = job.settings.slicing.planes(float(heights.max()))
+    locked = lock_plane(surface, Plane.horizontal(lock_below))
+    if lock_above is not None:
+        locked |= heights >= lock_above
+    if lock_sides:
+        locked |= lock_bounds(surface)
+    try:
+        result = relax_overhang(
+            surface,
+            limit_deg,
+            strength,
+            locked,
+            planes=planes if planes.axis is not None else None,
+            downward_only=not both,
+            progress=progress,
+        )
+    except TwinsError as error:
+        raise type(error)(f"{job.part}: {error}") from None
+    before = _aside(job.part, "before")
+    job.part.rename(before)
+    scale = {"mm": 1.0, "m": 1e-3, "in": 1.0 / 25.4}[job.settings.part.units]
+    relaxed = make_surface(np.asarray(result.surface.vertices) * scale, result.surface.faces)
+    save_surface(relaxed, job.part, [f"overhang relaxed to {limit_deg:.6g} deg from {before.name}"])
+    return {
+        "limit_deg": round(limit_deg, 4),
+        "area_over_limit_before_m2": round(result.over_before * 1e-6, 6),
+        "area_over_limit_after_m2": round(result.over_after * 1e-6, 6),
+        "worst_before_deg": round(result.worst_before, 3),
+        "worst_after_deg": round(result.worst_after, 3),
+        "volume_change_percent": round(100.0 * result.volume_change, 3),
+        "mean_displacement_mm": round(result.mean_displacement, 3),
+        "max_displacement_mm": round(result.max_displacement, 3),
+        "iterations": result.iterations,
+        "kept": before.name,
+        "next": f"twincell {'slice' if is_edited(job) else 'plan'} {job.folder}",
+    }
+
+
+def optimize_toolpath(
+    job: Job,
+    *,
+    min_distance: float | None,
+    min_radius: float | None,
+    side: int,
+    protect: Sequence[Path],
+    progress: Callable[[str, float], None],
+) -> dict[str, Any]:
+    """Move runs apart that are too close, then round what is bent too sharply; M and M' follow.
+
+    Args:
+        job: sliced again first where it is stale.
+        min_distance: d_min between the middles of beads, mm; by default the bead width; 0 leaves overfill alone.
+        min_radius: of the toolpath, mm; by default half the bead width; 0 leaves turns alone.
+        side: 1 where rounding may move curves inwards only, -1 outwards only, 0 both.
+        protect: closed meshes, or JSON files with polygons [[[u, v], …], …], in which the toolpath stays.
+        progress: is told what is done and its share.
+
+    Returns:
+        figures before and after.
+
+    Raises:
+        FormatError: a zone's file cannot be read.
+        TwinsError: an argument is out of its range, or there is no M through the result: then nothing has changed.
+    """
+    toolpath = sliced(job)
+    width = job.settings.print.width
+    d = width if min_distance is None else min_distance
+    radius = 0.5 * width if min_radius is None else min_radius
+    zones = _zones(protect)
+    values: dict[str, Any] = {}
+    try:
+        if d != 0:
+            relief = relieve_overfill(
+                toolpath,
+                d,
+                _locks(zones),
+                progress=lambda share: progress("moving runs apart", share),
+            )
+            toolpath = relief.toolpath
+            values |= {
+                "min_distance_mm": d,
+                "length_too_close_before_m": round(relief.before.close / 1000.0, 4),
+                "length_too_close_after_m": round(relief.after.close / 1000.0, 4),
+                "largest_displacement_mm": round(relief.displacement, 3),
+                "area_change_percent": round(100.0 * relief.area_change, 3),
+                "largest_area_change_of_a_layer_percent": round(100.0 * relief.largest_area_change, 3),
+            }
+        if radius != 0:
+            if not radius > 0:
+                raise JobError(
+                    f"the least radius must be above 0 mm, or 0 to leave turns alone, not {radius:g}"
+                )
+            finer = resample(
+                toolpath, min(radius / SEGMENTS, toolpath.thickness), corner_deg=1.0, protected=zones
+            )
+            smoothed = smooth(
+                finer,
+                side,  # type: ignore[arg-type]
+                1.0 / radius,
+                protected=zones,
+                progress=lambda share: progress("smoothing", share),
+            )
+            toolpath = smoothed.toolpath
+            values |= {
+                "min_radius_mm": radius,
+                "sharpest_radius_before_mm": _radius([x.largest_curvature_before for x in smoothed.layers]),
+                "sharpest_radius_after_mm": _radius([x.largest_curvature for x in smoothed.layers]),
+                "largest_turn_before_deg": _degrees([x.largest_turning_before for x in smoothed.layers]),
+                "largest_turn_after_deg": _degrees([x.largest_turning for x in smoothed.layers]),
+                "largest_smoothing_mm": round(max(x.largest_displacement for x in smoothed.layers), 3),
+                "points_still_sharper": sum(x.remaining for x in smoothed.layers),
+                "curves_left_alone": sum(len(x.left_alone) for x in smoothed.layers),
+            }
+        if all(curve.closed for *_, curve in toolpath.curves()):
+            reconstruct(
+                toolpath, job.settings.slicing.resolution
+            )  # refuses what has no M before anything is replaced
+    except TwinsError as error:
+        raise type(error)(f"{job.toolpath}: {error}") from None
+    inputs = inputs_of(job.toolpath)
+    inputs.pop("toolpath", None)
+    keep_edited(job)
+    save_toolpath(toolpath, job.toolpath, inputs)
+    sliced(job)
+    return values
+
+
+def _locks(zones: Zones) -> Callable[[int, Toolpath], tuple[npt.NDArray[np.bool_], ...]]:
+    """What the zones protect, in the form in which overfill optimisation asks for it, found once for all layers."""
+    known: list[list[tuple[npt.NDArray[np.bool_], ...]]] = []
+
+    def locked(layer: int, toolpath: Toolpath) -> tuple[npt.NDArray[np.bool_], ...]:
+        if not known:
+            known.append(zones.protected(toolpath))
+        return known[0][layer]
+
+    return locked
+
+
+def _aside(path: Path, word: str) -> Path:
+    """A name that is free, beside a file's."""
+    return next(
+        aside
+        for n in count(1)
+        if not (aside := path.with_name(f"{path.stem}-{word}-{n}{path.suffix}")).exists()
+    )
+
+
+def _radius(curvatures: Sequence[float]) -> float | None:
+    largest = max(curvatures, default=0.0)
+    return round(1.0 / largest, 3) if largest > 0 else None
+
+
+def _degrees(turns: Sequence[float]) -> float:
+    return round(math.degrees(max(turns, default=0.0)), 2)
+
+
+def _zones(files: Sequence[Path]) -> Zones:
+    polygons: list[Any] = []
+    solids = []
+    for file in files:
+        if file.suffix.lower() != ".json":
+            solids.append(read_surface(file))
+            continue
+        try:
+            found = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise FormatError(f"{file}: cannot be read as JSON: {error}") from None
+        if not isinstance(found, list):
+            raise FormatError(f"{file}: must hold a list of polygons, each a list of [u, v] in mm")
+        polygons += found
+    return Zones(polygons, solids)
