@@ -9,8 +9,12 @@ INSTALLED := .venv/.installed
 demo: $(INSTALLED)
 	$(BIN)/twincell demo
 
+# What runs in real time has the machine to itself; the rest runs on two cores.
+REAL_TIME := tests/robot tests/twincell/test_demo.py
+
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(REAL_TIME:%=--ignore=%)
+	$(BIN)/python -m pytest $(REAL_TIME)
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
