@@ -10,7 +10,8 @@ demo: $(INSTALLED)
 	$(BIN)/twincell demo
 
 # What runs in real time has the machine to itself; the rest runs on two cores.
-REAL_TIME := tests/robot tests/twincell/test_demo.py
+REAL_TIME := $(addprefix tests/,robot/test_printer.py robot/test_simulation_cell.py robot/test_simulation_controller.py \
+	robot/test_simulation_pump.py twincell/test_demo.py)
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(REAL_TIME:%=--ignore=%)

@@ -8,7 +8,8 @@ along each move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -79,7 +80,7 @@ def path_through(start: Array, targets: Sequence[Target]) -> Path:
     marks = [(0, targets[0].mark)]
     asked = np.array([start, *(target.pose for target in targets)])
     moving = np.flatnonzero(_steps(asked[:, :3, 3], Rotation.from_matrix(asked[:, :3, :3])) > STANDING)
-    moves = [targets[i] for i in moving.tolist()]  # without those that ask to go where the tool already is
+    moves = [_strictest(targets[i:j]) for i, j in pairwise([*moving.tolist(), len(targets)])]
     poses = asked[[0, *(moving + 1)]]
     if not moves:
         return _standing(start, marks)
@@ -143,6 +144,12 @@ def path_through(start: Array, targets: Sequence[Target]) -> Path:
         rest=np.isin(np.arange(len(owner)), place[resting]),
         marks=[(int(place[i]), mark) for i, mark in marks],
     )
+
+
+def _strictest(targets: Sequence[Target]) -> Target:
+    """A target with those after it that ask to go where the tool then is: it comes as near as any of them asks."""
+    blend = min(target.blend for target in targets)
+    return replace(targets[0], blend=blend, flowing=all(target.flowing for target in targets))
 
 
 def _corners(length: Array, along: Array, moves: list[Target]) -> tuple[Array, Array, list[bool]]:

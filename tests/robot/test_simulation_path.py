@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planning import ReachError, arm
@@ -56,6 +56,13 @@ def distance_to_polyline(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(entry, min_size=1, max_size=8))
+@example(
+    [
+        ((1.0, 0.0, 0.0), 5.0, 1.0, False, 0.0),
+        ((1.0, 0.0, 0.0), 5.0, 0.0, False, 0.0),
+        ((0.0, 0.0, 1.0), 5.0, 0.0, False, 0.0),
+    ]
+)
 def test_a_path_keeps_to_its_corners_and_its_limits(entries) -> None:
     targets = [target(*given) for given in entries]
     track = tool_track(ARM, TOOL, HOME, targets, LIMIT)
