@@ -14,6 +14,12 @@ from planning.kinematics import ANGLE_TOLERANCE, LENGTH_TOLERANCE
 
 from .frame import Numbers
 
+ROUNDING = 1e-15
+"""Of a direction's components."""
+
+MOST_SLACK = 1e-4
+"""By which a straight arm may miss a place for rounding, mm."""
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -72,15 +78,17 @@ def joint_solutions(arm: Arm, flange: Numbers) -> list[Numbers]:
             pitch = math.atan2(c5 * x5[2] - s5 * zz, flat)
             out = (wx + arm.d5 * y5[0]) * c1 + (wy + arm.d5 * y5[1]) * s1
             up = pz - arm.d6 * zz + arm.d5 * y5[2] - arm.d1
-            found += _elbows(arm, out, up, pitch, (q1, q5, q6))
+            # Near a wrist in line rounding moves the end of the arm by more.
+            slack = LENGTH_TOLERANCE + min(ROUNDING * abs(arm.d5) / sine, MOST_SLACK)
+            found += _elbows(arm, out, up, pitch, (q1, q5, q6), slack)
     return found
 
 
-def _elbows(arm: Arm, out: float, up: float, pitch: float, outer: Numbers) -> list[Numbers]:
-    """Both ways to bend the arm so that it ends at (out, up) in its plane."""
+def _elbows(arm: Arm, out: float, up: float, pitch: float, outer: Numbers, slack: float) -> list[Numbers]:
+    """Both ways to bend the arm so that it ends at (out, up) in its plane, or within `slack` of its reach, mm."""
     a2, a3 = arm.a2, arm.a3
     distance = math.hypot(out, up)
-    if not abs(a2 - a3) - LENGTH_TOLERANCE <= distance <= abs(a2 + a3) + LENGTH_TOLERANCE:
+    if not abs(a2 - a3) - slack <= distance <= abs(a2 + a3) + slack:
         return []
     cosine = (distance * distance - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
     sine = math.sqrt(max((1.0 - cosine) * (1.0 + cosine), 0.0))
