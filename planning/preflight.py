@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from twins import Toolpath
 
 from .branch import branch_from
+from .buildability import buildability
 from .cell import Cell
 from .errors import ProgramError
 from .finding import Finding, Severity
@@ -66,6 +67,7 @@ def check(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> list[Fi
         *_bead_length(program),
         *_layer_interval(program, mix),
         *_open_time(program, mix),
+        *buildability(program, cell, mix, toolpath),
     ]
     return [folded for kind in dict.fromkeys(f.kind for f in findings) for folded in _folded(findings, kind)]
 

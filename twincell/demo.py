@@ -46,6 +46,8 @@ def demo(out: Path, time_scale: float, console: Console) -> None:
         f"{summary['layers']} layers, {summary['path_length_m']:.2f} m, {summary['bead_volume_l']:.3f} L, "
         f"{len(program)} waypoints, {len(findings)} findings"
     )
+    for finding in findings:
+        say(str(finding))
     refuse(findings)
     say(f"printing on a simulated cell, {time_scale:g} times faster than real")
     printed = print_job(job, console, simulate=True, time_scale=time_scale)

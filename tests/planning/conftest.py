@@ -1,5 +1,6 @@
+import numpy as np
 import pytest
-from shapes import box, fan_top
+from shapes import box
 
 from planning import PrintSettings, load_cell, load_mix, plan
 from twins import Plane, layer_planes, slice_surface
@@ -22,8 +23,12 @@ def settings():
 
 @pytest.fixture(scope="session")
 def rotary():
-    part = box(100.0, 80.0, 60.0)
-    return slice_surface(part, layer_planes(Plane.horizontal(), fan_top(part, 20.0), 6.0))
+    """A box under a tilted plane that cuts it all around: its walls are upright, and nothing hangs over."""
+    tilt = np.radians(15.0)
+    top = Plane(
+        np.array([0.0, 0.0, 45.0]), np.array([np.cos(tilt), 0.0, np.sin(tilt)]), np.array([0.0, 1.0, 0.0])
+    )
+    return slice_surface(box(100.0, 80.0, 60.0), layer_planes(Plane.horizontal(), top, 6.0))
 
 
 @pytest.fixture(scope="session")

@@ -115,6 +115,49 @@ def test_a_bead_longer_than_a_script(cell, mix, settings):
     assert "coarser" in found[0].remedy
 
 
+def cone(inset, count=8, radius=60.0):
+    """Rings, each `inset` smaller in radius than the one below; layers of 10 mm."""
+    layers = [
+        Layer(
+            Plane.horizontal(10.0 * i + 5.0),
+            Plane.horizontal(10.0 * i + 10.0),
+            (ring(0.0, 96, radius - inset * i),),
+        )
+        for i in range(count)
+    ]
+    return Toolpath(Plane.horizontal(), tuple(layers), 10.0)
+
+
+@pytest.mark.parametrize("reference", ["ground", "layer"])
+def test_overhang_beyond_what_the_mix_takes(cell, mix, settings, reference):
+    limits = {
+        "max_overhang_by_ground": None,
+        "max_overhang_by_layer": None,
+        f"max_overhang_by_{reference}": 0.3,
+    }
+    limited = mix.model_copy(update=limits)
+    for inset, kind in ((2.9, set()), (3.1, {f"overhang by {reference}"})):
+        toolpath = cone(inset)
+        program = plan(toolpath, cell, limited, settings)
+        found = check(program, cell, limited, toolpath)
+        assert kinds(found) == kind
+        for finding in found:
+            assert finding.severity is Severity.WARNING
+            assert finding.value == pytest.approx(0.31, abs=0.001)
+            assert program.layer[finding.waypoint] >= 1
+    unknown = mix.model_copy(update={"max_overhang_by_ground": None, "max_overhang_by_layer": None})
+    assert check(program, cell, unknown, toolpath) == []
+
+
+def test_beads_that_overlap(cell, mix, settings):
+    # Two rings of radius 40 whose beads, 12 mm wide, keep apart, and then do not.
+    for gap, kind in ((12.0, set()), (11.0, {"bead overlap"})):
+        toolpath = one_layer(ring(-40.0 - 0.5 * gap), ring(40.0 + 0.5 * gap))
+        found = check(plan(toolpath, cell, mix, settings), cell, mix, toolpath)
+        assert kinds(found) == kind
+        assert all(f.severity is Severity.WARNING and f.value == pytest.approx(11.0, abs=0.05) for f in found)
+
+
 def test_open_time(program, cell, mix, rotary):
     found = check(program, cell, mix.model_copy(update={"open_time_s": 10.0}), rotary)
     assert kinds(found) == {"open time"}

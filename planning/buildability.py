@@ -1,0 +1,104 @@
+"""Buildability: what the fresh material may not carry, and where beads press into one another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from twins import Reference, Toolpath, local_overhang, spacing
+
+from .cell import Cell
+from .finding import Finding, Severity
+from .mix import Mix
+from .program import Program, SegmentKind
+
+Array = npt.NDArray[np.float64]
+
+CLOSE = 0.95
+"""Share of the bead width below which the distance of two neighbouring beads counts as overlap (`twins.spacing`)."""
+
+LEAST = 1e-3
+"""Share of the length that may be beyond a limit: a point or two where a curve begins or two branches meet."""
+
+
+def buildability(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> Iterator[Finding]:
+    """Warnings about overhang and about beads that overlap; at most one of a kind, at its worst waypoint.
+
+    Overhang is measured against the limits that the mix states, by ground, by layer, or both; a mix that states none
+    is not checked. Beads overlap where runs of a layer are nearer than 0.95 times the narrowest bead of the program.
+
+    Args:
+        program: planned from the toolpath.
+        cell: it was planned for.
+        mix: with its limits of local overhang d / t.
+        toolpath: in part coordinates, on the bed.
+
+    Raises:
+        ToolpathError: its planes are not above one another.
+    """
+    references: tuple[tuple[Reference, float | None], ...] = (
+        ("ground", mix.max_overhang_by_ground),
+        ("layer", mix.max_overhang_by_layer),
+    )
+    for reference, limit in references:
+        if limit is not None:
+            yield from _overhang(program, cell, mix, toolpath, reference, limit)
+    yield from _overlap(program, toolpath)
+
+
+def _overhang(
+    program: Program, cell: Cell, mix: Mix, toolpath: Toolpath, reference: Reference, limit: float
+) -> Iterator[Finding]:
+    measured = local_overhang(toolpath, reference)
+    share = measured.share_above(limit)
+    if share <= LEAST:
+        return
+    worst = measured.worst(1)[0]
+    way = "gravity" if reference == "ground" else "the layers' own direction"
+    ratio = f"{worst.ratio:.2f}" if np.isfinite(worst.ratio) else "with nothing below"
+    # Reports are JSON, which has no infinity.
+    largest = float(measured.values[np.isfinite(measured.values)].max())
+    yield Finding(
+        f"overhang by {reference}",
+        Severity.WARNING,
+        _waypoint_at(program, cell, worst.layer, worst.place),
+        round(largest, 3),
+        limit,
+        "d / t",
+        f"{1e-3 * share * measured.total:.2f} m of the beads ({100.0 * share:.1f} %) hang over by more than {limit:g} "
+        f"layer heights along {way}, more than {mix.name} takes; at worst {ratio}, in layer {worst.layer}",
+        "relax the surface (twincell optimize surface), print in another direction, or choose a stiffer mix",
+    )
+
+
+def _overlap(program: Program, toolpath: Toolpath) -> Iterator[Finding]:
+    printing = program.of_kind(SegmentKind.PRINT)
+    width = float(program.width[printing].min())
+    layers = spacing(toolpath, width)
+    close, length = sum(layer.close for layer in layers), sum(layer.length for layer in layers)
+    if close <= LEAST * length:
+        return
+    worst = max(range(len(layers)), key=lambda i: layers[i].close)
+    first = np.flatnonzero(printing & (program.layer == worst))
+    yield Finding(
+        "bead overlap",
+        Severity.WARNING,
+        int(first[0]) if len(first) else -1,
+        round(min(layer.least for layer in layers), 2),
+        round(CLOSE * width, 2),
+        "mm",
+        f"{1e-3 * close:.2f} m of the beads ({100.0 * close / length:.1f} %) lie nearer than {CLOSE * width:.3g} mm to "
+        f"their neighbours and would be overfilled; most in layer {worst}, {1e-3 * layers[worst].close:.2f} m",
+        "print a narrower bead, or move the curves apart (twincell optimize toolpath)",
+    )
+
+
+def _waypoint_at(program: Program, cell: Cell, layer: int, place: tuple[float, float, float]) -> int:
+    """The printing waypoint of a layer nearest to a place in part coordinates; -1 where the layer is not printed."""
+    indices = np.flatnonzero(program.of_kind(SegmentKind.PRINT) & (program.layer == layer))
+    if not len(indices):
+        return -1
+    away = program.positions[indices] - cell.bed.plane.to_world(np.array([place]))
+    return int(indices[np.argmin(np.linalg.norm(away, axis=1))])
