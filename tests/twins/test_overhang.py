@@ -245,7 +245,6 @@ def test_mesh_and_toolpath_agree_midway_between_layers(name):
 
 @pytest.mark.parametrize(("reference", "growth"), [("ground", 0.0), ("ground", 0.2), ("layer", 0.2)])
 def test_mesh_and_toolpath_agree_on_rotary_layers(reference, growth):
-    # Steeper planes make the way down long: what is in its middle says less of its ends.
     R, planes = 400.0, fan(400.0, 45.0)
 
     def place_at(a, uv):
@@ -277,6 +276,55 @@ def test_mesh_and_toolpath_agree_on_rotary_layers(reference, growth):
     assert some.mean() > 0.6
     # A facet stands for half a degree of the circle: sin(0.25°) is its own error.
     assert mine[some] == pytest.approx(theirs[some], rel=0.02, abs=5e-3)
+
+
+def quarter(R, r, thickness, points=360):
+    """A torus quarter by ground: its toolpath's values, those of faces tangent to the torus midway, and the rest.
+
+    Midway is halfway round the axis and halfway round the section, from each sample point to its supporter.
+
+    Returns:
+        both values; tilt of the layer's plane, and the angle that the section turns on the way down, degrees.
+    """
+    planes = fan(R, 88.0, thickness)
+    toolpath = stack(*([ring(r, points=points)] for _ in range(len(planes))), planes=planes)
+    delta, phi = np.radians(88.0) / len(planes), 2 * np.pi * np.arange(points) / points
+    theta = (np.arange(1, len(planes)) + 1)[:, None] * delta
+    lower = (R + r * np.cos(phi)) * np.cos(theta) / np.cos(theta - delta)
+    ahead = (np.arctan2(r * np.sin(phi), lower - R) - phi + np.pi) % (2 * np.pi) - np.pi
+    f = (phi + 0.5 * ahead).ravel()
+    a = np.broadcast_to(theta - 0.5 * delta, ahead.shape).ravel()
+    none = np.zeros(len(a))
+    outwards, onwards = np.c_[np.cos(a), none, np.sin(a)], np.c_[-np.sin(a), none, np.cos(a)]
+    y = np.array([0.0, 1.0, 0.0])
+    spot = outwards * (R + r * np.cos(f))[:, None] + r * np.sin(f)[:, None] * y - [R, 0.0, 0.0]
+    around = np.cos(f)[:, None] * y - np.sin(f)[:, None] * outwards
+    corners = [spot + 0.01 * (np.cos(c) * around + np.sin(c) * onwards) for c in 2 * np.pi * np.arange(3) / 3]
+    faces = make_surface(np.stack(corners, 1).reshape(-1, 3), np.arange(3 * len(a)).reshape(-1, 3))
+    theirs = surface_overhang(faces, planes, "ground").values
+    mine = local_overhang(toolpath, "ground").values[points:]
+    return mine, theirs, np.degrees(a + 0.5 * delta), np.degrees(np.abs(ahead)).ravel()
+
+
+@pytest.mark.parametrize("R", [300.0, 400.0])
+def test_mesh_and_toolpath_part_on_the_rotary_quarter_only_where_the_wall_turns_on_the_way_down(R):
+    mine, theirs, tilt, turn = quarter(R, 60.0, T)
+    # The wall's lean is at most the tilt of its plane: here are all walls that lean by 60° at most, and more.
+    assert turn[tilt <= 65.0].max() < 22.5
+    for same in (tilt <= 65.0, turn <= 22.5):
+        assert mine[same] == pytest.approx(theirs[same], rel=0.02, abs=1e-3)
+    # Steeper, they part by what the law says, until the way leads past the middle of the tube.
+    near = turn <= 90.0
+    law = theirs / np.cos(np.radians(0.5 * turn))
+    assert mine[near] == pytest.approx(law[near], rel=0.002, abs=1e-3)
+    assert (mine / np.maximum(theirs, 1e-9))[near].max() > 1.3
+
+
+def test_mesh_and_toolpath_agree_on_all_of_the_rotary_quarter_in_thin_layers():
+    mine, theirs, tilt, _ = quarter(150.0, 60.0, 0.5, 120)
+    assert tilt.max() == pytest.approx(88.0)
+    assert theirs.max() > np.sin(np.radians(87.5))
+    assert mine == pytest.approx(theirs, rel=0.02, abs=1e-3)
 
 
 # --- local overhang, laws -------------------------------------------------------------------------------------------

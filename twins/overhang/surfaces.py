@@ -2,6 +2,12 @@
 
 It is the tangent of the angle between a face's normal and the layer plane (seed paper, Section 3.1). Where layers are
 rotary, that plane and with it the build direction turn along the part.
+
+A toolpath's layers are not thin. Its value is near that of the surface midway between sample point and supporter: on a
+round section it is greater by 1 / cos of half the angle through which the normal turns on that way, by 2 % where it
+turns by 23°. By ground, the way leads t tan α across a layer whose plane is tilted by α, so that the two agree on steep
+planes only if layers are thin: to 2 % on a tube of radius 60 in layers of 10 mm up to a tilt of 65°, in layers of
+0.5 mm up to 88°.
 """
 
 from __future__ import annotations
