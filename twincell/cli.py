@@ -191,6 +191,10 @@ def optimize_surface_(
     limit: Annotated[
         float | None, typer.Option(metavar="DEG", help="greatest angle of overhang; by default the mix's")
     ] = None,
+    by: Annotated[
+        Against | None,
+        typer.Option(help="against gravity, or against the layers; by default what the mix limits"),
+    ] = None,
     strength: Annotated[float, typer.Option(help="weight of the limit against the shape")] = 10.0,
     lock_below: Annotated[float, typer.Option(metavar="MM", help="what is at most so high stays")] = 0.0,
     lock_above: Annotated[
@@ -203,8 +207,8 @@ def optimize_surface_(
     """Deform the job's part until no face leans beyond a limit."""
     with console.status("relaxing the overhang") as status:
         values = optimize_surface(
-            load_job(job), limit_deg=limit, strength=strength, lock_below=lock_below, lock_above=lock_above,
-            lock_sides=lock_sides, both=both,
+            load_job(job), limit_deg=limit, reference=None if by is None else by.value, strength=strength,
+            lock_below=lock_below, lock_above=lock_above, lock_sides=lock_sides, both=both,
             progress=lambda share: status.update(f"relaxing the overhang: {100 * share:.0f} %"),
         )  # fmt: skip
     _result(values, as_json)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from twins import (
     FormatError,
     Plane,
+    Reference,
     Toolpath,
     TwinsError,
     Zones,
@@ -48,6 +49,7 @@ def optimize_surface(
     job: Job,
     *,
     limit_deg: float | None,
+    reference: Reference | None,
     strength: float,
     lock_below: float,
     lock_above: float | None,
@@ -59,7 +61,9 @@ def optimize_surface(
 
     Args:
         job: with a part.
-        limit_deg: angle of overhang; by default from the mix's largest overhang by ground.
+        limit_deg: angle of overhang; by default from the mix's largest local overhang.
+        reference: the angle is against gravity ("ground"), or against the build direction, which turns along rotary
+            layers ("layer"); by default by ground, or by layer where that alone is what the mix limits.
         strength: λ.
         lock_below, lock_above: vertices at most so high, or at least so high, stay, mm.
         lock_sides: vertices on the sides of the part's bounding box stay.
@@ -73,10 +77,15 @@ def optimize_surface(
         JobError: no limit is given and the mix has none.
         TwinsError: the part cannot be used, or an argument is out of its range.
     """
+    if reference is None:
+        known = job.mix.max_overhang_by_ground, job.mix.max_overhang_by_layer
+        reference = "layer" if known[0] is None and known[1] is not None else "ground"
     if limit_deg is None:
-        if job.mix.max_overhang_by_ground is None:
-            raise JobError(f"{job.mix_file}: has no max_overhang_by_ground; give --limit in degrees")
-        limit_deg = math.degrees(math.atan(job.mix.max_overhang_by_ground))
+        limits = {"ground": job.mix.max_overhang_by_ground, "layer": job.mix.max_overhang_by_layer}
+        limit = limits[reference]
+        if limit is None:
+            raise JobError(f"{job.mix_file}: has no max_overhang_by_{reference}; give --limit in degrees")
+        limit_deg = math.degrees(math.atan(limit))
     if job.part.suffix.lower() != ".ply":
         raise JobError(f"{job.part}: only a PLY can be written back; 'twincell new' makes a job with one")
     surface = read_part(job)
@@ -93,7 +102,7 @@ def optimize_surface(
             limit_deg,
             strength,
             locked,
-            planes=planes if planes.axis is not None else None,
+            planes=planes if reference == "layer" and planes.axis is not None else None,
             downward_only=not both,
             progress=progress,
         )
@@ -106,6 +115,7 @@ def optimize_surface(
     save_surface(relaxed, job.part, [f"overhang relaxed to {limit_deg:.6g} deg from {before.name}"])
     return {
         "limit_deg": round(limit_deg, 4),
+        "by": reference,
         "area_over_limit_before_m2": round(result.over_before * 1e-6, 6),
         "area_over_limit_after_m2": round(result.over_after * 1e-6, 6),
         "worst_before_deg": round(result.worst_before, 3),

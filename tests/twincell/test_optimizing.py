@@ -50,6 +50,18 @@ def test_relaxing_the_part_keeps_what_was_there(job, twincell):
     assert len(load_toolpath(job / "toolpath.json").layers) > 5
 
 
+def test_by_layer_the_build_direction_turns_with_rotary_layers(job, twincell):
+    settings = job / "job.toml"
+    text = settings.read_text()
+    tilted = "top = { origin = [0.0, 0.0, 130.0], normal = [-0.3, 0.0, 1.0] }"
+    settings.write_text(text.replace("[slicing]", f"[slicing]\n{tilted}"))
+    words = ("optimize", "surface", job, "--limit", 40, "--json", "--by")
+    found = {by: figures(twincell(*words, by)) for by in ("layer", "ground")}
+    # What leans out by 40° from where the layers point at the ball's top leans out by more from the vertical.
+    assert found["layer"]["area_over_limit_after_m2"] < 0.3 * found["layer"]["area_over_limit_before_m2"]
+    assert found["ground"]["worst_before_deg"] > 41.0 > found["ground"]["worst_after_deg"]
+
+
 def test_optimising_the_toolpath_leaves_twins_and_zones(tmp_path, job, twincell):
     twincell("slice", job)
     sliced = load_toolpath(job / "toolpath.json")

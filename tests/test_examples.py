@@ -1,0 +1,130 @@
+"""The examples run, better what they say they better, and draw pictures."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from twins import check_surface, make_surface
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+SCRIPTS = sorted(
+    path.stem
+    for path in EXAMPLES.glob("*.py")
+    if re.search(
+        r"^def main\(out: Path, quick: bool = False\)", path.read_text(encoding="utf-8"), re.MULTILINE
+    )
+)
+
+
+@pytest.fixture
+def example(monkeypatch):
+    """Modules of the examples' folder by name, as a script there imports them."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    return importlib.import_module
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_example_runs_and_draws(script, example, tmp_path):
+    figures = example(script).main(tmp_path, quick=True)
+    assert all(math.isfinite(value) for value in figures.values())
+    pictures = sorted(tmp_path.rglob("*.png"))
+    assert pictures
+    for picture in pictures:
+        pixels = imread(picture)[..., :3]
+        assert (pixels < 0.9).any(axis=2).mean() > 0.01, f"{picture.name} is blank"
+        assert (np.ptp(pixels, axis=2) > 0.05).mean() > 1e-3, f"{picture.name} has no colour"
+    CHECKS.get(script, lambda figures: None)(figures)
+
+
+def springer_is_better(figures):
+    def ratio(what):
+        before, after = figures[f"{what}, before"], figures[f"{what}, after"]
+        assert before > 0.0
+        return after / before
+
+    assert ratio("area over 45°, cm²") < 0.1
+    assert ratio("largest angle of overhang, °") < 0.9
+    assert ratio("area with d/t > 1 by ground, %") < 0.1
+    assert ratio("area with d/t > 1 by layer, %") < 0.5
+    assert ratio("overfilled length, mm") < 0.1
+    assert ratio("largest turning in 22 mm, °") < 0.9
+    assert abs(figures["change of volume, %"]) < 6.0
+    assert abs(figures["change of region area, %"]) < 3.0
+    assert figures["largest displacement by relief, mm"] <= 22.0
+    assert figures["rotary"] == 1.0
+    assert figures["end layers unchanged"] == 1.0
+    assert figures["layers"] > 10
+
+
+def anchor_plates_hold(figures):
+    turning = "largest turning in 20 mm, °"
+    assert figures[f"{turning}, after"] < 0.5 * figures[f"{turning}, before"]
+    assert figures["deepest point on the locked side, mm"] < 1e-6
+    assert figures["holes and sills kept to the bit"] == figures["holes and sills"] > 0
+    assert figures["largest |A∪B| + |A∩B| - |A| - |B|, mm²"] < 1e-6
+    assert figures["bolt holes open in M'"] == 4
+    assert figures["volume M' watertight"] == 1
+    assert figures["largest overhang d/t, joint"] < figures["largest overhang d/t, united without sills"]
+
+
+CHECKS = {"springer": springer_is_better, "anchor_plates": anchor_plates_hold}
+
+
+def test_the_examples_are_found():
+    assert SCRIPTS
+
+
+def test_catmull_clark_of_a_cube(example):
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    quads = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    points, finer = example("branching").catmull_clark(corners, quads)
+    assert points.shape == (8 + 6 + 12, 3)
+    assert finer.shape == (24, 4)
+    assert np.allclose(points[:8], corners * 5 / 9)  # (F + 2 R + 0 P) / 3 with F = 1/3, R = 2/3
+    assert np.allclose(np.abs(points[8:14]).sum(axis=1), 1.0)  # middles of faces
+    assert np.allclose(np.sort(np.abs(points[14:]), axis=1), [0.0, 0.75, 0.75])
+    a, b, c, d = points[finer].transpose(1, 0, 2)
+    assert (np.einsum("ij,ij->i", np.cross(c - a, d - b), points[finer].mean(axis=1)) > 0).all()
+
+
+def test_springer_stands_on_the_bed_and_ends_in_the_top_plane(example):
+    surface, top = example("branching").branching_springer(3)
+    check_surface(surface)
+    assert surface.euler_number == 2
+    vertices = np.asarray(surface.vertices)
+    height = top.height_of(vertices)
+    assert vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert height.max() == pytest.approx(0.0, abs=1e-9)
+    at_top = np.abs(height[np.asarray(surface.faces)]).max(axis=1) < 1e-6
+    assert len(surface.submesh([np.flatnonzero(at_top)], append=True).split(only_watertight=False)) == 3
+    assert np.allclose(surface.bounds[:, 1].sum(), 0.0)  # symmetric about the plane of its axis
+
+
+def test_near_faces_hide_far_ones(example):
+    pictures = example("pictures")
+    view = pictures.View(30.0, 40.0)
+    axes3 = view.axes
+    assert np.allclose(axes3.T @ axes3, np.eye(3))
+    assert np.linalg.det(axes3) == pytest.approx(1.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    # The far square is drawn last; values 0 near, 1 far.
+    corners = np.vstack([square + [0, 0, 5], 2 * square]) @ axes3.T
+    faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+    _, axes = pictures.panels(1, (2.0, 2.0))
+    drawn = pictures.draw_surface(
+        axes, make_surface(corners, faces), view, values=[0, 0, 1, 1], cmap="coolwarm", pixels=80
+    )
+    image = axes.images[0].get_array()
+    middle, edge = image[image.shape[0] // 2, image.shape[1] // 2], image[image.shape[0] // 2, 10]
+    assert middle[2] > middle[0]
+    assert edge[0] > edge[2]
+    assert image[..., 3].mean() > 0.7
+    assert drawn.shows(corners[:4].mean(axis=0)[None]).all()
+    assert not drawn.shows(corners[4:].mean(axis=0)[None]).any()
