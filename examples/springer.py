@@ -167,7 +167,7 @@ def relaxed(surface: trimesh.Trimesh, top: Plane) -> OverhangRelaxation:
 
 def relieved(toolpath: Toolpath, zones: Zones) -> OverfillRelief:
     """Runs that are nearer than d_min moved apart, at d_min / 4 between points: finer, notches grow shoulders."""
-    return relieve_overfill(toolpath, APART, lambda layer, divided: zones.protected(divided)[layer])
+    return relieve_overfill(toolpath, APART, zones)
 
 
 def rounded(toolpath: Toolpath, zones: Zones) -> Smoothed:

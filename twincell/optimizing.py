@@ -10,13 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from twins import (
     FormatError,
     Plane,
     Reference,
-    Toolpath,
     TwinsError,
     Zones,
     inputs_of,
@@ -166,7 +164,7 @@ def optimize_toolpath(
             relief = relieve_overfill(
                 toolpath,
                 d,
-                _locks(zones),
+                zones,
                 progress=lambda share: progress("moving runs apart", share),
             )
             toolpath = relief.toolpath
@@ -216,18 +214,6 @@ def optimize_toolpath(
     save_toolpath(toolpath, job.toolpath, inputs)
     sliced(job)
     return values
-
-
-def _locks(zones: Zones) -> Callable[[int, Toolpath], tuple[npt.NDArray[np.bool_], ...]]:
-    """What the zones protect, in the form in which overfill optimisation asks for it, found once for all layers."""
-    known: list[list[tuple[npt.NDArray[np.bool_], ...]]] = []
-
-    def locked(layer: int, toolpath: Toolpath) -> tuple[npt.NDArray[np.bool_], ...]:
-        if not known:
-            known.append(zones.protected(toolpath))
-        return known[0][layer]
-
-    return locked
 
 
 def _aside(path: Path, word: str) -> Path:

@@ -7,7 +7,7 @@ import pytest
 import shapely
 from shapes import REFERENCE, SHAPES
 
-from twins import Curve, Layer, Plane, Toolpath, ToolpathError, layer_planes, slice_surface
+from twins import Curve, Layer, Plane, Toolpath, ToolpathError, Zones, layer_planes, slice_surface
 from twins.curves.close_points import Runs, near_segments, nearest_runs, spacing
 from twins.curves.dividing import divided
 from twins.curves.overfill import equation_4, relieve_overfill
@@ -178,6 +178,17 @@ def test_locked_points_do_not_move():
     # The same from a function of the divided toolpath.
     again = relieve_overfill(given, D, lambda i, _: locks[i], steps=400)
     np.testing.assert_array_equal(again.toolpath.layers[0].curves[1].points, b.points)
+    # And from zones: the lower curve, and what lies left of a line between two points of the upper.
+    left = shapely.box(-50.0, -50.0, 97.0, 50.0)
+    zones = Zones(polygons=[left], curves=[(0, 0)])
+    flags = zones.protected(given)[0]
+    zoned = relieve_overfill(given, D, zones, steps=400).toolpath.layers[0].curves
+    assert zoned[0] is lower
+    assert 0 < flags[1].sum() < len(flags[1])
+    assert (zoned[1].points[flags[1]] == upper.points[flags[1]]).all()
+    np.testing.assert_allclose(
+        zoned[1].points[(upper.points[:, 0] > 160.0) & (upper.points[:, 0] < 280.0), 1], D, rtol=0.005
+    )
 
 
 def test_segments_of_locked_points_stay_where_curves_are_divided():

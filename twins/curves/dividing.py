@@ -11,6 +11,8 @@ import numpy.typing as npt
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
+from .zones import Zones
+
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Flags = npt.NDArray[np.bool_]
@@ -18,8 +20,8 @@ Flags = npt.NDArray[np.bool_]
 LayerLocks = Sequence[npt.ArrayLike | None] | None
 """For each curve of a layer which of its points stay, shape (n,), or None: none of them do."""
 
-Locks = Callable[[int, Toolpath], LayerLocks] | Sequence[LayerLocks] | None
-"""Locks of each layer; or a function that gives those of layer i of the toolpath as it is divided."""
+Locks = Zones | Callable[[int, Toolpath], LayerLocks] | Sequence[LayerLocks] | None
+"""Zones; or the locks of each layer; or a function that gives those of layer i of the toolpath as it is divided."""
 
 
 def divided(curve: Curve, longest: float) -> tuple[Curve, Indices]:
@@ -57,8 +59,10 @@ def divided_layers(
         for layer, curves in zip(toolpath.layers, split, strict=True)
     ]
     stay: list[list[Flags]] = []
+    finer = replace(toolpath, layers=tuple(layers))
+    if isinstance(locked, Zones):
+        return layers, [list(flags) for flags in locked.protected(finer)]
     if callable(locked):
-        finer = replace(toolpath, layers=tuple(layers))
         for i, layer in enumerate(layers):
             stay.append(_flags(locked(i, finer), layer.curves, i))
         return layers, stay

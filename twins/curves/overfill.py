@@ -123,7 +123,8 @@ def relieve_overfill(
     Args:
         toolpath: open or closed curves that do not cross.
         min_distance: d_min, mm, between the middles of neighbouring beads: the bead width, or a little less.
-        locked: points that do not move; with them the segments that they end stay as they are, bit for bit.
+        locked: zones, or points that do not move; with them the segments that they end stay as they are, bit for
+            bit.
         strength: s_2 of equation 4, above 0 and at most 1.
         steps: n_overfill, at most.
         fairing: share of the difference to their neighbours' displacement by which points that nothing pushes follow
