@@ -200,6 +200,8 @@ def optimize_toolpath(
                 "largest_turn_after_deg": _degrees([x.largest_turning for x in smoothed.layers]),
                 "largest_smoothing_mm": round(max(x.largest_displacement for x in smoothed.layers), 3),
                 "points_still_sharper": sum(x.remaining for x in smoothed.layers),
+                "curves_given_a_smaller_radius": sum(len(x.eased) for x in smoothed.layers),
+                "curves_unfinished": sum(len(x.unfinished) for x in smoothed.layers),
                 "curves_left_alone": sum(len(x.left_alone) for x in smoothed.layers),
             }
         if all(curve.closed for *_, curve in toolpath.curves()):

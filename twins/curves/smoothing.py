@@ -10,7 +10,7 @@ The steps are in `smoothing_step.py` (the paper's), `smoothing_loop.py` and `gua
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -30,6 +30,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 _ROOM = 4  # points a layer may have at most while it is smoothed, over those that it began with
+_EASED = (1.1, 1.25, 1.5, 2.0)  # over κ_max: tried one after the other on a curve that has no room for κ_max
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,11 @@ class SmoothedLayer:
         area_change: of the region enclosed, mm²; open curves enclose none.
         held: points that the last step would have moved and could not: for the side, or for another curve.
         remaining: points above κ_max at the end, without the protected ones.
-        left_alone: curves that would have shrunk to nothing or become more bent, and stay as they were.
+        eased: curves that have no room for κ_max (they would have shrunk to nothing, become more bent or grown
+            without end), and the curvature that they were smoothed to instead, 1/mm: at most twice κ_max.
+        left_alone: curves that have no room for twice κ_max either, and stay as they were.
+        unfinished: curves that have points above what they were smoothed to, as steps ran out or nothing moved any
+            more; points that are protected do not count.
     """
 
     steps: int
@@ -56,7 +61,9 @@ class SmoothedLayer:
     area_change: float
     held: int
     remaining: int
+    eased: tuple[tuple[int, float], ...]
     left_alone: tuple[int, ...]
+    unfinished: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +119,8 @@ def smooth(
             Ends of open curves stay. What the curves are here is what the side is locked against.
         side: 1 where curves may move to their left (the interior) only, -1 to their right only, 0 either way.
         max_curvature: κ_max, 1/mm, measured by equation (3). A curve that is nowhere above it stays as it is. At
-            segments l it makes a curve turn by about κ_max (d + l) or less within a length d.
+            segments l it makes a curve turn by about κ_max (d + l) or less within a length d. A curve that has no
+            room for it gets up to twice of it, in steps (`SmoothedLayer.eased`), or stays as it is.
         steps: n_smooth, at most; a curve is done sooner, most within 300 to 1500 steps. "flipped" is for 10 to 50.
         strength: s_0 of equation (1), in (0, 1].
         adjustment: s_1, for "flipped" only.
@@ -177,51 +185,69 @@ def _smoothed_layer(
     """New curves, None for those that stay, and the figures."""
     curves = layer.curves
     fixed = [np.zeros(len(c.points), np.bool_) if flags is None else flags[j] for j, c in enumerate(curves)]
-    alone: list[int] = []
+    limits = np.full(len(curves), settings.max_curvature)
+    tries = np.zeros(len(curves), np.int64)
     before = [largest_turning(curve, settings.window) for curve in curves]
     made: tuple[Curve | None, ...] = (None,) * len(curves)
     steps = held = 0
     while curves:
-        made, steps, held = _relaxed(curves, fixed, region, settings)
+        made, steps, held = _relaxed(curves, fixed, region, limits, settings)
         worse = [
             j
             for j, new in enumerate(made)
             if new is not None
             and (
-                largest_turning(new, settings.window) > before[j] + 1e-9
+                largest_turning(new, settings.window)
+                > max(before[j], _turning_at(limits[j], new, settings)) + 1e-9
                 or (new.closed and len(new.points) <= FEWEST < len(curves[j].points))
             )
         ]
+        grown = [0 if b is None else len(b.points) - len(a.points) for a, b in zip(curves, made, strict=True)]
+        if sum(grown) >= (_ROOM - 1) * sum(len(curve.points) for curve in curves):
+            worse = sorted({*worse, int(np.argmax(grown))})
         if not worse:
             break
         # Their neighbours may have taken the room that they left, so all begin again.
-        alone += worse
         for j in worse:
-            fixed[j] = np.ones(len(curves[j].points), np.bool_)
+            tries[j] += 1
+            if tries[j] <= len(_EASED):
+                limits[j] = _EASED[tries[j] - 1] * settings.max_curvature
+            else:
+                fixed[j] = np.ones(len(curves[j].points), np.bool_)
     after = [old if new is None else new for old, new in zip(curves, made, strict=True)]
+    alone = tries > len(_EASED)
+    kept = flags or (None,) * len(curves)
+    sharp = [_remaining(*each) for each in zip(curves, after, kept, limits, strict=True)]
+    wanted = [settings.max_curvature] * len(curves)
     return made, SmoothedLayer(
-        steps,
-        max((float(curvature(c.points, c.closed).max()) for c in curves), default=0.0),
-        max((float(curvature(c.points, c.closed).max()) for c in after), default=0.0),
-        max(before, default=0.0),
-        max((largest_turning(curve, settings.window) for curve in after), default=0.0),
-        max((_distance(a, b) for a, b in zip(curves, made, strict=True) if b is not None), default=0.0),
-        sum(curve.signed_area for curve in after) - sum(curve.signed_area for curve in curves),
-        held,
-        sum(
-            map(
-                _remaining,
-                curves,
-                after,
-                flags or [None] * len(curves),
-                [settings.max_curvature] * len(curves),
-            )
+        steps=steps,
+        largest_curvature_before=_sharpest(curves),
+        largest_curvature=_sharpest(after),
+        largest_turning_before=max(before, default=0.0),
+        largest_turning=max((largest_turning(curve, settings.window) for curve in after), default=0.0),
+        largest_displacement=max(
+            (_distance(a, b) for a, b in zip(curves, made, strict=True) if b is not None), default=0.0
         ),
-        tuple(sorted(alone)),
+        area_change=sum(curve.signed_area for curve in after) - sum(curve.signed_area for curve in curves),
+        held=held,
+        remaining=sum(_remaining(*each) for each in zip(curves, after, kept, wanted, strict=True)),
+        eased=tuple((j, float(limits[j])) for j in np.flatnonzero((tries > 0) & ~alone).tolist()),
+        left_alone=tuple(np.flatnonzero(alone).tolist()),
+        unfinished=tuple(j for j, count in enumerate(sharp) if count and not alone[j]),
     )
 
 
+def _turning_at(limit: float, curve: Curve, settings: _Settings) -> float:
+    """What a curve at κ_max turns by at most within the window: one segment more than it holds may count."""
+    return limit * (settings.window + curve.length / len(curve.points))
+
+
+def _sharpest(curves: Sequence[Curve]) -> float:
+    return max((float(curvature(curve.points, curve.closed).max()) for curve in curves), default=0.0)
+
+
 def _remaining(old: Curve, new: Curve, protected: Flags | None, limit: float) -> int:
+    """Points above a curvature, without the protected ones."""
     sharp = curvature(new.points, new.closed) > limit * (1.0 + 1e-9)
     if protected is not None and protected.any():
         kept = {tuple(point) for point in old.points[protected]}
@@ -242,7 +268,11 @@ def _distance(old: Curve, new: Curve) -> float:
 
 
 def _relaxed(
-    curves: tuple[Curve, ...], fixed: list[Flags], region: shapely.Geometry | None, settings: _Settings
+    curves: tuple[Curve, ...],
+    fixed: list[Flags],
+    region: shapely.Geometry | None,
+    limits: Array,
+    settings: _Settings,
 ) -> tuple[tuple[Curve | None, ...], int, int]:
     """One run of the loop over a layer: new curves (None: nothing moved), steps made, points held."""
     sizes = [len(curve.points) for curve in curves]
@@ -250,7 +280,7 @@ def _relaxed(
     ends = np.cumsum([0, *sizes])
     given, count = ends[-1], int(ends[-1]) + sum(len(rim) for rim in rims)
     room = count + (_ROOM - 1) * int(given)
-    points, value = np.zeros((room, 2)), np.zeros(room)
+    points, value, limit = np.zeros((room, 2)), np.zeros(room), np.ones(room)
     before, after = np.full(room, -2), np.full(room, -2)
     owner, still = np.zeros(room, np.int64), np.zeros(room, np.bool_)
     parts = [(c.points, c.closed, c.width, f) for c, f in zip(curves, fixed, strict=True)]
@@ -261,6 +291,7 @@ def _relaxed(
         points[here], owner[here], still[here] = places, j, flags
         before[here], after[here] = np.roll(here, 1), np.roll(here, -1)
         value[here] = 0.0 if width is None else width
+        limit[here] = limits[j] if j < len(curves) else settings.max_curvature
         if not closed:
             before[here[0]] = after[here[-1]] = -1
             still[here[[0, -1]]] = True
@@ -268,8 +299,8 @@ def _relaxed(
     mean = sum(curve.length for curve in curves) / sum(sizes)
     shortest = 0.25 * mean if settings.min_segment is None else settings.min_segment
     count, steps, held = relax(
-        points, before, after, owner, still, value, count, settings.side, settings.strengths,
-        settings.max_curvature, mean, shortest, settings.steps, settings.rolled,
+        points, before, after, owner, still, value, limit, count, settings.side, settings.strengths,
+        mean, shortest, settings.steps, settings.rolled,
     )  # fmt: skip
     made = []
     for j, curve in enumerate(curves):

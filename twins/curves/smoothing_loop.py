@@ -36,6 +36,9 @@ GROWTH: Final = 0.05
 STRIDE: Final = 0.25
 """How far a disc moves a point in a step at most, as a share of the mean segment."""
 
+PATIENCE: Final = 2000
+"""Steps without progress after which smoothing ends: what is too sharp in all, 0.1 % less than it ever was."""
+
 ROUNDER: Final = 1.15
 """Radius of a full-grown disc times κ_max: chords of uneven length bend more than their circle."""
 
@@ -48,10 +51,10 @@ def relax(
     owner: Indices,
     fixed: Flags,
     value: Array,
+    limit: Array,
     count: int,
     side: int,
     strengths: tuple[float, float],
-    max_curvature: float,
     mean: float,
     min_segment: float,
     steps: int,
@@ -64,10 +67,12 @@ def relax(
         owner: the curve of each point.
         fixed: points that stay: protected ones, and ends of open curves.
         value: any figure of the points; a new point gets the mean of its neighbours' values.
-        side, strengths, max_curvature: see `displacements`.
+        limit: κ_max at each point, 1/mm; a new point gets that of its curve.
+        side, strengths: see `displacements`.
         mean: length of a segment, mm.
         min_segment: ℓ_min, mm: shorter segments collapse.
-        steps: n_smooth; fewer are made once no point is above κ_max or none moves.
+        steps: n_smooth; fewer are made once no point is above κ_max or none moves, once there is no progress, or once
+            there is no room left: then fingers grow, and more steps only make more of them.
         rolled: fillets are rolled, not flipped.
 
     Returns:
@@ -91,24 +96,28 @@ def relax(
     travelled = 0.0
     held = np.zeros(len(points), np.bool_)
     touched = np.zeros(len(points), np.bool_)
-    # Of each point's disc: where it touches, the direction into the locked side, its radius (0: none).
-    discs = np.zeros((len(points), 5))
-    done = 0
+    # Of each point's disc: where it touches, the direction into the locked side, its radius (0: none), next tangent.
+    discs = np.zeros((len(points), 6))
+    done = since = 0
+    least = np.inf
     for _ in range(steps):
         way = 0 if rolled else side
         step, kappa = displacements(
-            points[:count], before[:count], after[:count], way, strengths, max_curvature, True
+            points[:count], before[:count], after[:count], way, strengths, limit[:count], True
         )
-        growing = (
-            rolled and side != 0 and _roll(points, before, after, discs[:count], step, max_curvature, mean)
-        )
-        furthest = 0.0
+        growing = rolled and side != 0 and _roll(points, before, after, discs[:count], step, limit, mean)
+        furthest = sharp = 0.0
         for i in range(count):
             if fixed[i]:
                 step[i] = 0.0
+            elif kappa[i] > limit[i]:
+                sharp += kappa[i] / limit[i] - 1.0
             furthest = max(furthest, np.hypot(step[i, 0], step[i, 1]))
         held[:count] = False
-        if furthest <= STILL * mean and not growing:
+        since += 1
+        if sharp < 0.999 * least:
+            least, since = sharp, 0
+        if (furthest <= STILL * mean and not growing) or since > PATIENCE:
             break
         done += 1
         # A place put back to its side may go twice as far as its step.
@@ -124,8 +133,8 @@ def relax(
             reached = try_move(points, before, after, i, x, y, side, rest, owner, rested, present)
             held[i] = reached == 0
             touched[i] |= reached > 0
-            if reached < 2 and rolled and side != 0 and kappa[i] > max_curvature:
-                _place_disc(points, before, after, i, side, discs, max_curvature)
+            if reached < 2 and rolled and side != 0 and kappa[i] > limit[i]:
+                _place_disc(points, before, after, i, side, discs, limit[i], 0.5 * mean)
         for i in range(count):
             j = after[i]
             if j < 0:
@@ -152,11 +161,12 @@ def relax(
                 elif count < len(points):
                     count += 1
                 else:
-                    continue
+                    return count, done, held[:count]
                 points[k] = 0.5 * (points[i] + points[j])
                 before[k], after[k] = i, j
                 after[i], before[j] = k, k
                 owner[k], value[k] = owner[i], 0.5 * (value[i] + value[j])
+                limit[k] = limit[i]
                 fixed[k], discs[k, 4] = False, 0.0
                 left[owner[i]] += 1
                 travelled = np.inf
@@ -164,13 +174,35 @@ def relax(
 
 
 @nb.njit(cache=True, nogil=True)
+def _apart(points: Array, i: int, j: int) -> float:
+    return float(np.hypot(points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]))
+
+
+@nb.njit(cache=True, nogil=True)
 def _place_disc(
-    points: Array, before: Indices, after: Indices, i: int, side: int, discs: Array, max_curvature: float
+    points: Array,
+    before: Indices,
+    after: Indices,
+    i: int,
+    side: int,
+    discs: Array,
+    max_curvature: float,
+    near: float,
 ) -> None:
-    """Let a disc grow at point i if it is bent around the locked side there and has no growing disc yet."""
+    """Let a disc grow at point i if it is bent around the locked side there and has no growing disc yet.
+
+    Its tangent leads from neighbour to neighbour, and every other time from the first point that is not `near` on
+    one side to the first on the other: at a blunt tip two points closer than that then get discs that lead both off
+    it, where by their neighbours each is led towards the other.
+    """
     if 0.0 < discs[i, 4] < ROUNDER / max_curvature:
         return
     h, j = before[i], after[i]
+    wide = discs[i, 5] > 0.0
+    while wide and before[h] >= 0 and h != j and _apart(points, h, i) < near:
+        h = before[h]
+    while wide and after[j] >= 0 and j != h and _apart(points, j, i) < near:
+        j = after[j]
     tx, ty = points[j, 0] - points[h, 0], points[j, 1] - points[h, 1]
     length = np.hypot(tx, ty)
     bend = (points[i, 0] - points[h, 0]) * (points[j, 1] - points[i, 1])
@@ -179,7 +211,7 @@ def _place_disc(
         return
     discs[i, 0], discs[i, 1] = points[i, 0], points[i, 1]
     discs[i, 2], discs[i, 3] = side * ty / length, -side * tx / length
-    discs[i, 4] = 1e-9
+    discs[i, 4], discs[i, 5] = 1e-9, 1.0 - discs[i, 5]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -189,17 +221,16 @@ def _roll(
     after: Indices,
     discs: Array,
     step: Array,
-    max_curvature: float,
+    limit: Array,
     mean: float,
 ) -> bool:
     """Let discs grow, and change steps so that they lead points near a disc's point out of it; whether any grows."""
     growing = False
-    full = ROUNDER / max_curvature
     for i in range(len(discs)):
         r = discs[i, 4]
         if r == 0.0 or after[i] == -2:
             continue
-        r = r + GROWTH * mean
+        r, full = r + GROWTH * mean, ROUNDER / limit[i]
         if r >= full:
             discs[i, 4] = 0.0
             r = full

@@ -25,7 +25,7 @@ def displacements(
     after: Indices,
     side: int,
     strengths: tuple[float, float],
-    max_curvature: float,
+    limit: Array,
     stops: bool,
 ) -> tuple[Array, Array]:
     """Where a step of Algorithm 1 takes each point (its lines 2 to 16), and the curvature at each point.
@@ -35,7 +35,7 @@ def displacements(
         side: 1 where the left of the curves is permitted, -1 the right, 0 both: then equation (1) alone, for points
             above the curvature.
         strengths: s_0 and s_1.
-        max_curvature: κ_max, 1/mm.
+        limit: shape (n,): κ_max at each point, 1/mm.
         stops: points at or below κ_max push no neighbours either. Algorithm 1 as printed lets them, so that arcs
             grow on and on; the text has only points above κ_max cause displacements.
 
@@ -61,7 +61,7 @@ def displacements(
         # The permitted normal is across the line from neighbour to neighbour; only its sign along f matters.
         along = side * ((uy + vy) * -fx + (ux + vx) * fy)
         if along < 0.0:
-            if not stops or kappa[i] > max_curvature:
+            if not stops or kappa[i] > limit[i]:
                 for k in (h, j):
                     adjusted[k, 0] -= 0.5 * fx
                     adjusted[k, 1] -= 0.5 * fy
@@ -70,7 +70,7 @@ def displacements(
             own[i, 0], own[i, 1] = share * fx, share * fy
             permitted[i] = True
     for i in range(n):
-        if permitted[i] and (adjusted[i, 0] != 0.0 or adjusted[i, 1] != 0.0 or kappa[i] > max_curvature):
+        if permitted[i] and (adjusted[i, 0] != 0.0 or adjusted[i, 1] != 0.0 or kappa[i] > limit[i]):
             adjusted[i, 0] += own[i, 0]
             adjusted[i, 1] += own[i, 1]
     return adjusted, kappa
