@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from twins import Reference, Toolpath, local_overhang, spacing
+from twins import Reference, Toolpath, bead_overlap, local_overhang
 
 from .cell import Cell
 from .finding import Finding, Severity
@@ -17,7 +17,7 @@ from .program import Program, SegmentKind
 Array = npt.NDArray[np.float64]
 
 CLOSE = 0.95
-"""Share of the bead width below which the distance of two neighbouring beads counts as overlap (`twins.spacing`)."""
+"""Share of their width below which the distance of two beads counts as overlap, as in `twins.bead_overlap`."""
 
 LEAST = 1e-3
 """Share of the length that may be beyond a limit: a point or two where a curve begins or two branches meet."""
@@ -27,7 +27,7 @@ def buildability(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> 
     """Warnings about overhang and about beads that overlap; at most one of a kind, at its worst waypoint.
 
     Overhang is measured against the limits that the mix states, by ground, by layer, or both; a mix that states none
-    is not checked. Beads overlap where runs of a layer are nearer than 0.95 times the narrowest bead of the program.
+    is not checked. Beads overlap where runs of a layer are nearer than 0.95 times half of both their widths.
 
     Args:
         program: planned from the toolpath.
@@ -45,7 +45,7 @@ def buildability(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> 
     for reference, limit in references:
         if limit is not None:
             yield from _overhang(program, cell, mix, toolpath, reference, limit)
-    yield from _overlap(program, toolpath)
+    yield from _overlap(program, cell, toolpath)
 
 
 def _overhang(
@@ -58,40 +58,49 @@ def _overhang(
     worst = measured.worst(1)[0]
     way = "gravity" if reference == "ground" else "the layers' own direction"
     ratio = f"{worst.ratio:.2f}" if np.isfinite(worst.ratio) else "with nothing below"
-    # Reports are JSON, which has no infinity.
-    largest = float(measured.values[np.isfinite(measured.values)].max())
     yield Finding(
         f"overhang by {reference}",
         Severity.WARNING,
         _waypoint_at(program, cell, worst.layer, worst.place),
-        round(largest, 3),
-        limit,
-        "d / t",
+        round(100.0 * share, 2),
+        100.0 * LEAST,
+        "% of the beads' length",
         f"{1e-3 * share * measured.total:.2f} m of the beads ({100.0 * share:.1f} %) hang over by more than {limit:g} "
         f"layer heights along {way}, more than {mix.name} takes; at worst {ratio}, in layer {worst.layer}",
-        "relax the surface (twincell optimize surface), print in another direction, or choose a stiffer mix",
+        "relax the surface (twincell optimize surface --both), print in another direction, or choose a stiffer mix",
     )
 
 
-def _overlap(program: Program, toolpath: Toolpath) -> Iterator[Finding]:
-    printing = program.of_kind(SegmentKind.PRINT)
-    width = float(program.width[printing].min())
-    layers = spacing(toolpath, width)
-    close, length = sum(layer.close for layer in layers), sum(layer.length for layer in layers)
+def _overlap(program: Program, cell: Cell, toolpath: Toolpath) -> Iterator[Finding]:
+    # Curves without widths of their own were planned with one width.
+    plain = program.of_kind(SegmentKind.PRINT) & _without_widths(program, toolpath)
+    layers = bead_overlap(toolpath, float(program.width[plain].max(initial=0.0)) or 1.0)
+    close, length = sum(layer.overlapping for layer in layers), sum(layer.length for layer in layers)
     if close <= LEAST * length:
         return
-    worst = max(range(len(layers)), key=lambda i: layers[i].close)
-    first = np.flatnonzero(printing & (program.layer == worst))
+    worst = min(range(len(layers)), key=lambda i: layers[i].least)
+    place = layers[worst].place
     yield Finding(
         "bead overlap",
         Severity.WARNING,
-        int(first[0]) if len(first) else -1,
-        round(min(layer.least for layer in layers), 2),
-        round(CLOSE * width, 2),
-        "mm",
-        f"{1e-3 * close:.2f} m of the beads ({100.0 * close / length:.1f} %) lie nearer than {CLOSE * width:.3g} mm to "
-        f"their neighbours and would be overfilled; most in layer {worst}, {1e-3 * layers[worst].close:.2f} m",
+        -1 if place is None else _waypoint_at(program, cell, worst, place),
+        round(layers[worst].least, 3),
+        CLOSE,
+        "distance / width",
+        f"{1e-3 * close:.2f} m of the beads ({100.0 * close / length:.1f} %) are nearer to their neighbours than "
+        f"{CLOSE} bead widths and would be overfilled; worst in layer {worst}, {layers[worst].least:.2f} widths",
         "print a narrower bead, or move the curves apart (twincell optimize toolpath)",
+    )
+
+
+def _without_widths(program: Program, toolpath: Toolpath) -> npt.NDArray[np.bool_]:
+    """Waypoints of curves that have no widths of their own."""
+    return np.array(
+        [
+            layer >= 0 and curve >= 0 and toolpath.layers[layer].curves[curve].width is None
+            for layer, curve in zip(program.layer.tolist(), program.curve.tolist(), strict=True)
+        ],
+        dtype=np.bool_,
     )
 
 

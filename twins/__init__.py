@@ -1,5 +1,6 @@
 """The twin engine: surface ⇄ toolpath."""
 
+from .curves.bead_overlap import BeadOverlap, bead_overlap
 from .curves.bead_width import BeadCover, WidthVariation, bead_cover, vary_width
 from .curves.close_points import Spacing, spacing
 from .curves.overfill import OverfillRelief, relieve_overfill
@@ -38,6 +39,7 @@ from .visual import visual_mesh
 
 __all__ = [
     "BeadCover",
+    "BeadOverlap",
     "BooleanResult",
     "CleanResult",
     "Curve",
@@ -69,6 +71,7 @@ __all__ = [
     "WidthVariation",
     "Zones",
     "bead_cover",
+    "bead_overlap",
     "bead_outlines",
     "best_orientation",
     "check_surface",

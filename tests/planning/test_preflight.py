@@ -143,19 +143,50 @@ def test_overhang_beyond_what_the_mix_takes(cell, mix, settings, reference):
         assert kinds(found) == kind
         for finding in found:
             assert finding.severity is Severity.WARNING
-            assert finding.value == pytest.approx(0.31, abs=0.001)
+            assert "at worst 0.31" in finding.message
+            # Seven of eight rings hang over, each 3.1 mm less in radius than the one below.
+            radii = 60.0 - 3.1 * np.arange(8)
+            assert finding.value == pytest.approx(100.0 * radii[1:].sum() / radii.sum(), abs=0.01)
             assert program.layer[finding.waypoint] >= 1
     unknown = mix.model_copy(update={"max_overhang_by_ground": None, "max_overhang_by_layer": None})
     assert check(program, cell, unknown, toolpath) == []
+
+
+@pytest.mark.parametrize("empty", [0, 1])
+def test_a_layer_with_nothing_below(cell, mix, settings, empty):
+    layers = [
+        replace(layer, curves=()) if i == empty else layer for i, layer in enumerate(cone(0.0, 3).layers)
+    ]
+    toolpath = Toolpath(Plane.horizontal(), tuple(layers), 10.0)
+    (finding,) = check(plan(toolpath, cell, mix, settings), cell, mix, toolpath)
+    assert finding.kind == "overhang by ground"
+    assert "with nothing below" in finding.message
+    assert finding.value == pytest.approx(50.0)
 
 
 def test_beads_that_overlap(cell, mix, settings):
     # Two rings of radius 40 whose beads, 12 mm wide, keep apart, and then do not.
     for gap, kind in ((12.0, set()), (11.0, {"bead overlap"})):
         toolpath = one_layer(ring(-40.0 - 0.5 * gap), ring(40.0 + 0.5 * gap))
-        found = check(plan(toolpath, cell, mix, settings), cell, mix, toolpath)
+        program = plan(toolpath, cell, mix, settings)
+        found = check(program, cell, mix, toolpath)
         assert kinds(found) == kind
-        assert all(f.severity is Severity.WARNING and f.value == pytest.approx(11.0, abs=0.05) for f in found)
+        for finding in found:
+            assert finding.severity is Severity.WARNING
+            assert finding.value == pytest.approx(11.0 / 12.0, abs=0.001)
+            at = cell.bed.plane.to_frame(program.positions[[finding.waypoint]])[0]
+            assert at[:2] == pytest.approx([0.0, 0.0], abs=6.0)
+
+
+def test_each_bead_counts_with_its_own_width(cell, mix, settings):
+    def wide(curve, width):
+        return Curve(curve.points, curve.closed, np.full(len(curve.points), width))
+
+    narrow = wide(ring(200.0, radius=20.0), 10.0)
+    for width, kind in ((14.0, {"bead overlap"}), (10.0, set())):
+        # 11.5 mm from middle to middle: too near for beads of 14 and 12 mm, far enough for 10 and 12.
+        toolpath = one_layer(wide(ring(-45.75), width), ring(45.75), narrow)
+        assert kinds(check(plan(toolpath, cell, mix, settings), cell, mix, toolpath)) == kind
 
 
 def test_open_time(program, cell, mix, rotary):
