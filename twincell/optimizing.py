@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
@@ -17,6 +18,7 @@ from twins import (
     Reference,
     TwinsError,
     Zones,
+    fingerprint,
     inputs_of,
     lock_bounds,
     lock_plane,
@@ -34,7 +36,7 @@ from twins import (
 from .edited import is_edited, keep_edited
 from .errors import JobError
 from .job import Job
-from .part import read_part
+from .part import MM, read_part
 from .stages import sliced
 
 SEGMENTS = 6.0
@@ -69,7 +71,7 @@ def optimize_surface(
         progress: is told the share done.
 
     Returns:
-        figures before and after.
+        figures before and after; "kept" and "next" are None where nothing moved, and then no file was touched.
 
     Raises:
         JobError: no limit is given and the mix has none.
@@ -106,11 +108,15 @@ def optimize_surface(
         )
     except TwinsError as error:
         raise type(error)(f"{job.part}: {error}") from None
+    moved = result.max_displacement > 0.0
     before = _aside(job.part, "before")
-    job.part.rename(before)
-    scale = {"mm": 1.0, "m": 1e-3, "in": 1.0 / 25.4}[job.settings.part.units]
-    relaxed = make_surface(np.asarray(result.surface.vertices) * scale, result.surface.faces)
-    save_surface(relaxed, job.part, [f"overhang relaxed to {limit_deg:.6g} deg from {before.name}"])
+    if moved:
+        relaxed = make_surface(
+            np.asarray(result.surface.vertices) / MM[job.settings.part.units], result.surface.faces
+        )
+        # Copied, not renamed: a disk that is full leaves the part where it was.
+        shutil.copy2(job.part, before)
+        save_surface(relaxed, job.part, [f"overhang relaxed to {limit_deg:.6g} deg from {before.name}"])
     return {
         "limit_deg": round(limit_deg, 4),
         "by": reference,
@@ -122,8 +128,8 @@ def optimize_surface(
         "mean_displacement_mm": round(result.mean_displacement, 3),
         "max_displacement_mm": round(result.max_displacement, 3),
         "iterations": result.iterations,
-        "kept": before.name,
-        "next": f"twincell {'slice' if is_edited(job) else 'plan'} {job.folder}",
+        "kept": before.name if moved else None,
+        "next": f"twincell {'slice' if is_edited(job) else 'plan'} {job.folder}" if moved else None,
     }
 
 
@@ -143,21 +149,22 @@ def optimize_toolpath(
         min_distance: d_min between the middles of beads, mm; by default the bead width; 0 leaves overfill alone.
         min_radius: of the toolpath, mm; by default half the bead width; 0 leaves turns alone.
         side: 1 where rounding may move curves inwards only, -1 outwards only, 0 both.
-        protect: closed meshes, or JSON files with polygons [[[u, v], …], …], in which the toolpath stays.
+        protect: closed meshes in the part's unit, or JSON files with polygons [[[u, v], …], …] in mm, in which the
+            toolpath stays.
         progress: is told what is done and its share.
 
     Returns:
-        figures before and after.
+        figures before and after; where "changed" is false no file was touched.
 
     Raises:
         FormatError: a zone's file cannot be read.
         TwinsError: an argument is out of its range, or there is no M through the result: then nothing has changed.
     """
-    toolpath = sliced(job)
+    toolpath = given = sliced(job)
     width = job.settings.print.width
     d = width if min_distance is None else min_distance
     radius = 0.5 * width if min_radius is None else min_radius
-    zones = _zones(protect)
+    zones = _zones(protect, MM[job.settings.part.units])
     values: dict[str, Any] = {}
     try:
         if d != 0:
@@ -210,6 +217,9 @@ def optimize_toolpath(
             )  # refuses what has no M before anything is replaced
     except TwinsError as error:
         raise type(error)(f"{job.toolpath}: {error}") from None
+    values["changed"] = fingerprint(toolpath) != fingerprint(given)
+    if not values["changed"]:
+        return values
     inputs = inputs_of(job.toolpath)
     inputs.pop("toolpath", None)
     keep_edited(job)
@@ -236,12 +246,14 @@ def _degrees(turns: Sequence[float]) -> float:
     return round(math.degrees(max(turns, default=0.0)), 2)
 
 
-def _zones(files: Sequence[Path]) -> Zones:
+def _zones(files: Sequence[Path], unit: float) -> Zones:
+    """Zones from files: meshes in the part's unit, in mm, and polygons in mm."""
     polygons: list[Any] = []
     solids = []
     for file in files:
         if file.suffix.lower() != ".json":
-            solids.append(read_surface(file))
+            solid = read_surface(file)
+            solids.append(make_surface(np.asarray(solid.vertices) * unit, solid.faces))
             continue
         try:
             found = json.loads(file.read_text(encoding="utf-8"))

@@ -8,6 +8,7 @@ import trimesh
 from shapes import manifold_faults, sphere
 
 from twins import load_toolpath, local_overhang
+from twins.curves.turning import curvature
 
 
 @pytest.fixture
@@ -19,6 +20,13 @@ def job(tmp_path, twincell):
     trimesh.Trimesh(vertices, np.asarray(ball.faces)).export(tmp_path / "ball.stl")
     assert twincell("new", tmp_path / "ball.stl", "-o", tmp_path / "job", "--thickness", 8)[0] == 0
     return tmp_path / "job"
+
+
+@pytest.fixture
+def block(tmp_path, twincell):
+    trimesh.creation.box((120.0, 100.0, 50.0)).export(tmp_path / "block.stl")
+    assert twincell("new", tmp_path / "block.stl", "-o", tmp_path / "block")[0] == 0
+    return tmp_path / "block"
 
 
 def figures(result):
@@ -34,8 +42,10 @@ def test_overhang_of_a_job_and_its_part_side_by_side(tmp_path, job, twincell):
     exact = local_overhang(load_toolpath(job / "toolpath.json"))
     assert ours["largest"] == pytest.approx(exact.maximum, abs=1e-4)
     assert ours["share_above_limit"] == pytest.approx(exact.share_above(1.0), abs=1e-6)
-    # Half of the ball leans out by more than 45°, on a cap of height R (1 - 1/√2) less the foot.
+    # A ball leans out by more than 45° below the height R (1 - 1/√2), of which the foot takes 8 mm.
     assert surface["area_m2"] == pytest.approx(4 * np.pi * 0.06**2, rel=0.05)
+    over = surface["share_above_limit"] * surface["area_m2"]
+    assert over >= 0.8 * 2 * np.pi * 0.06 * (0.06 * (1 - np.sqrt(0.5)) - 0.008)
     assert picture.stat().st_size > 10_000
 
 
@@ -46,8 +56,34 @@ def test_relaxing_the_part_keeps_what_was_there(job, twincell):
     assert (job / found["kept"]).read_bytes() == before
     part = trimesh.load(job / "part.ply", process=False)
     assert manifold_faults(part) == (0, 0)
-    assert twincell("plan", job)[0] in (0, 1)
+    planned = figures(twincell("plan", job, "--json"))
+    assert {f["severity"] for f in planned["findings"]} <= {"warning"}
     assert len(load_toolpath(job / "toolpath.json").layers) > 5
+
+
+def test_where_there_is_nothing_to_better_no_file_is_touched(block, twincell):
+    job = block
+    assert twincell("slice", job)[0] == 0
+    before = {path.name: path.read_bytes() for path in job.iterdir() if path.is_file()}
+    assert figures(twincell("optimize", "surface", job, "--limit", 40, "--json"))["kept"] is None
+    assert not figures(twincell("optimize", "toolpath", job, "--min-radius", 0, "--json"))["changed"]
+    assert {path.name: path.read_bytes() for path in job.iterdir() if path.is_file()} == before
+
+
+def test_zones_are_in_the_unit_of_the_part(tmp_path, job, twincell):
+    def turned(size, unit):
+        zone = tmp_path / f"{unit}.stl"
+        trimesh.creation.box((size, size, size)).export(zone)
+        settings = job / "job.toml"
+        settings.write_text(settings.read_text().replace('units = "mm"', f'units = "{unit}"'))
+        words = ("optimize", "toolpath", job, "--min-radius", 45, "--protect", zone, "--json")
+        return figures(twincell(*words))
+
+    part = trimesh.load(job / "part.ply", process=False)
+    assert not turned(500.0, "mm")["changed"]
+    part.apply_scale(1e-3)
+    part.export(job / "part.ply", encoding="binary", vertex_normal=False)
+    assert not turned(0.5, "m")["changed"]
 
 
 def test_by_layer_the_build_direction_turns_with_rotary_layers(job, twincell):
@@ -62,21 +98,23 @@ def test_by_layer_the_build_direction_turns_with_rotary_layers(job, twincell):
     assert found["ground"]["worst_before_deg"] > 41.0 > found["ground"]["worst_after_deg"]
 
 
-def test_optimising_the_toolpath_leaves_twins_and_zones(tmp_path, job, twincell):
-    twincell("slice", job)
-    sliced = load_toolpath(job / "toolpath.json")
+def test_optimising_the_toolpath_leaves_twins_and_zones(tmp_path, block, twincell):
+    twincell("slice", block)
+    sliced = load_toolpath(block / "toolpath.json")
     trimesh.creation.box(bounds=[[0, -100, -1], [100, 100, 200]]).export(tmp_path / "zone.stl")
-    words = ("optimize", "toolpath", job, "--min-radius", 45, "--protect", tmp_path / "zone.stl", "--json")
-    found = figures(twincell(*words))
-    assert found["largest_turn_after_deg"] <= found["largest_turn_before_deg"]
-    after = load_toolpath(job / "toolpath.json")
+    words = ("optimize", "toolpath", block, "--min-radius", 15, "--protect", tmp_path / "zone.stl", "--json")
+    assert figures(twincell(*words))["changed"]
+    after = load_toolpath(block / "toolpath.json")
     for old, new in zip(sliced.layers, after.layers, strict=True):
         for a, b in zip(old.curves, new.curves, strict=True):
+            assert curvature(a.points).max() > 0.1
             kept = a.points[a.points[:, 0] > 0.0]
             assert set(map(tuple, kept)) <= set(map(tuple, b.points))
-    assert manifold_faults(trimesh.load(job / "surface.ply", process=False)) == (0, 0)
-    assert twincell("plan", job)[0] in (0, 1)
-    assert load_toolpath(job / "toolpath.json").length == after.length
+            # Its two other corners are as round as was asked for.
+            assert curvature(b.points)[b.points[:, 0] < -5.0].max() <= 1.0 / 15.0 * (1 + 1e-6)
+    assert manifold_faults(trimesh.load(block / "surface.ply", process=False)) == (0, 0)
+    figures(twincell("plan", block, "--json"))
+    assert load_toolpath(block / "toolpath.json").length == after.length
 
 
 def test_wrong_arguments_change_nothing(tmp_path, job, twincell, one_sentence):
