@@ -279,9 +279,9 @@ def plain(surface, limit_deg, locked, strength=20.0, inside_deg=5.0):
     return make_surface(new, faces), iterations
 
 
-def over_area(surface, limit_deg, locked, side, tops):
+def over_area(surface, limit_deg, locked, side):
     found = surface_overhang(surface, side=side)
-    counted = ~locked[np.asarray(surface.faces)].all(axis=1) & ~tops
+    counted = ~locked[np.asarray(surface.faces)].all(axis=1)
     return found.weights[counted & (found.values > math.tan(math.radians(limit_deg)) + 1e-8)].sum()
 
 
@@ -289,10 +289,8 @@ def report(name, surface, relaxed, limit_deg, locked, side, iterations, seconds)
     old, new = np.asarray(surface.vertices), np.asarray(relaxed.vertices)
     moved = np.linalg.norm(new - old, axis=1)
     diagonal = np.linalg.norm(np.ptp(old, axis=0))
-    # Level tops are no overhang of either kind.
-    tops = (surface.face_normals[:, 2] > 1.0 - 1e-6) & (side == "both")
-    before, after = (over_area(mesh, limit_deg, locked, side, tops) for mesh in (surface, relaxed))
-    share = before / surface.area_faces[~locked[surface.faces].all(axis=1) & ~tops].sum()
+    before, after = (over_area(mesh, limit_deg, locked, side) for mesh in (surface, relaxed))
+    share = before / surface.area_faces[~locked[surface.faces].all(axis=1)].sum()
     volume = signed_volume(relaxed) / signed_volume(surface) - 1.0
     folds = inverted_faces(old, new, np.asarray(surface.faces)).sum()
     kept = relaxed.euler_number == surface.euler_number and not moved[locked].any()
@@ -332,7 +330,7 @@ def reference(method):
                     continue
                 relaxed, iterations = plain(surface, limit, locked)
             else:
-                result = relax_overhang(surface, limit, locked=locked, downward_only=side == "below")
+                result = relax_overhang(surface, limit, locked=locked, side=side)
                 relaxed, iterations = result.surface, result.iterations
             seconds = time.process_time() - begin
             report(label, surface, relaxed, limit, locked, side, iterations, seconds)

@@ -260,8 +260,8 @@ def main(out: Path, quick: bool = False) -> dict[str, float]:
     clock("united, sills, cleaned")
 
     zones = what_stays(joint.toolpath, bolts, count)
-    even = resample(joint.toolpath, length, corner_deg=10.0, protected=zones)
-    smoothed = smooth(even, -1, 1.0 / LEAST_RADIUS, window=WIDTH, protected=zones)
+    even = resample(joint.toolpath, length, corner_deg=10.0, locked=zones)
+    smoothed = smooth(even, -1, 1.0 / LEAST_RADIUS, window=WIDTH, locked=zones)
     clock("resampled, smoothed")
 
     twin.replace_layers({i: smoothed.toolpath.layers[i].curves for i in range(count)})

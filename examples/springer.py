@@ -175,8 +175,8 @@ def rounded(toolpath: Toolpath, zones: Zones) -> Smoothed:
 
     So the slots between the arms stay as long and as wide as they are; with both sides permitted their ends are filled.
     """
-    fine = resample(toolpath, FINE, corner_deg=1.0, protected=zones)
-    return smooth(fine, 1, 1.0 / LEAST_RADIUS, window=APART, protected=zones)
+    fine = resample(toolpath, FINE, corner_deg=1.0, locked=zones)
+    return smooth(fine, 1, 1.0 / LEAST_RADIUS, window=APART, locked=zones)
 
 
 def surface_figures(
@@ -193,8 +193,8 @@ def surface_figures(
     return {
         f"area over {LIMIT:g}°, cm², before": relaxation.over_before * 1e-2,
         f"area over {LIMIT:g}°, cm², after": relaxation.over_after * 1e-2,
-        "largest angle of overhang, °, before": relaxation.worst_before,
-        "largest angle of overhang, °, after": relaxation.worst_after,
+        "largest angle of overhang, °, before": relaxation.worst_before_deg,
+        "largest angle of overhang, °, after": relaxation.worst_after_deg,
         "area with d/t > 1 by ground, %, before": ground[0],
         "area with d/t > 1 by ground, %, after": ground[1],
         "area with d/t > 1 by layer, %, before": layer[0],

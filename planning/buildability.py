@@ -56,6 +56,7 @@ def _overhang(
     if share <= LEAST:
         return
     worst = measured.worst(1)[0]
+    angle = np.degrees(np.arctan(limit))
     way = "gravity" if reference == "ground" else "the layers' own direction"
     ratio = f"{worst.ratio:.2f}" if np.isfinite(worst.ratio) else "with nothing below"
     yield Finding(
@@ -66,7 +67,8 @@ def _overhang(
         100.0 * LEAST,
         "% of the beads' length",
         f"{1e-3 * share * measured.total:.2f} m of the beads ({100.0 * share:.1f} %) hang over by more than {limit:g} "
-        f"layer heights along {way}, more than {mix.name} takes; at worst {ratio}, in layer {worst.layer}",
+        f"layer heights ({angle:.1f}°) along {way}, more than {mix.name} takes; at worst "
+        f"{ratio}, in layer {worst.layer}",
         "relax the surface (twincell optimize surface --both), print in another direction, or choose a stiffer mix",
     )
 

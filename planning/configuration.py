@@ -37,7 +37,7 @@ def find_configuration(kind: str, name: str, beside: Path | None = None) -> Path
     """The file of a configuration.
 
     Args:
-        kind: folder it belongs to: `cells`, `mixes` or `pumps`.
+        kind: folder it belongs to: `cells`, `mixes`, `pumps` or `printers`.
         name: a path to a TOML file, or the name of a shipped one without its ending.
         beside: a folder that relative paths may also start from.
 

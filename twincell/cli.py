@@ -25,10 +25,11 @@ from .errors import JobError
 from .job import load_job
 from .new import new_job
 from .optimizing import optimize_surface, optimize_toolpath
-from .overhangs import draw_overhangs, overhangs_of
+from .overhang_pictures import draw_overhangs
+from .overhangs import overhangs_of
 from .printing import print_job, simulate_cell
 from .report import draw, summarise, write_summary
-from .stages import plan_job, planned, slice_job
+from .stages import checked, plan_job, planned, slice_job
 from .structural import fea_job
 
 app = typer.Typer(
@@ -178,6 +179,8 @@ def overhang(
     as_json: Json = False,
 ) -> None:
     """Measure local overhang d/t: distance from the layer below over layer height; draw how it is distributed."""
+    if not out.parent.is_dir():
+        raise JobError(f"{out}: there is no folder {out.parent}; make it, or name another file with -o")
     schemes = overhangs_of(sources, reference.value, limit)
     draw_overhangs(schemes, out)
     _result({scheme.name: scheme.as_dict() for scheme in schemes}, as_json)
@@ -224,10 +227,10 @@ def optimize_toolpath_(
     min_radius: Annotated[
         float | None, typer.Option(metavar="MM", help="of turns; default half the width; 0: leave")
     ] = None,
-    side: Annotated[Side, typer.Option(help="to which side rounding may move curves")] = Side.BOTH,
+    side: Annotated[Side, typer.Option(help="to which side rounding may move curves")] = Side.IN,
     protect: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="a closed mesh, or polygons in JSON, in which the toolpath stays"),
+        typer.Option(metavar="FILE", help="a closed mesh, or [[[u, v], …], …] in JSON, in which it stays"),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -255,11 +258,9 @@ def plan_(job: JobFolder, as_json: Json = False) -> None:
 @app.command("check")
 def check_(job: JobFolder, as_json: Json = False) -> None:
     """Say what would go wrong if the job's program were printed."""
-    from planning import check  # noqa: PLC0415 - the command's own name is the same
-
     loaded = load_job(job)
     program, toolpath = planned(loaded)
-    _result({"waypoints": len(program)}, as_json, check(program, loaded.cell, loaded.mix, toolpath))
+    _result({"waypoints": len(program)}, as_json, checked(loaded, program, toolpath))
 
 
 @app.command("run")

@@ -46,18 +46,25 @@ def keep_edited(job: Job) -> None:
     LOG.warning("%s was edited; it is kept as %s", job.toolpath, aside.name)
 
 
-def follow_edited(job: Job, toolpath: Toolpath, sliced_from: dict[str, str]) -> None:
-    """Make M and M' follow a toolpath that was edited, or that came from elsewhere."""
+def is_outdated(job: Job) -> bool:
+    """Whether the job's toolpath was edited or optimised, and the part or [slicing] has changed since it was sliced."""
+    if not job.part.is_file() or not is_edited(job):
+        return False
+    made_from, now = inputs_of(job.toolpath), job.slicing_inputs()
+    return any(made_from[name] != now[name] for name in ("part", "slicing") if name in made_from)
+
+
+def follow_edited(job: Job, toolpath: Toolpath, *, quiet: bool = False) -> None:
+    """Make M and M' follow a toolpath that was edited, or that came from elsewhere; unless quiet, say so."""
     inputs = job.edited_inputs(toolpath)
     if inputs_of(job.volume) == inputs:
         return
-    LOG.warning(
-        "%s was made by hand or edited, and is used as it is%s",
-        job.toolpath,
-        "" if not job.part.is_file() else f"; to slice the part instead: twincell slice {job.folder}",
-    )
-    if any(sliced_from.get(name) != inputs.get(name) for name in ("part", "slicing") if name in sliced_from):
-        LOG.warning("%s: the part or [slicing] has changed since it was sliced", job.toolpath)
+    if not quiet:
+        LOG.warning(
+            "%s was edited, optimised or made by hand, and is used as it is%s",
+            job.toolpath,
+            "" if not job.part.is_file() else f"; to slice the part instead: twincell slice {job.folder}",
+        )
     resolution = job.settings.slicing.resolution
     comments = [f"{name} sha256 {value}" for name, value in inputs.items()]
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import shutil
 from collections.abc import Callable, Sequence
@@ -33,14 +34,20 @@ from twins import (
     smooth,
 )
 
-from .edited import is_edited, keep_edited
+from .edited import follow_edited, is_edited
 from .errors import JobError
 from .job import Job
 from .part import MM, read_part
 from .stages import sliced
 
+LOG = logging.getLogger(__name__)
+
 SEGMENTS = 6.0
 """Points of a toolpath to be smoothed lie no farther apart than its least radius over this."""
+
+NOT_REACHED = (
+    "the limit is not reached everywhere; relax again, with more --strength, lock less, or give a finer mesh"
+)
 
 Told = Callable[[float], None]
 
@@ -86,6 +93,14 @@ def optimize_surface(
         if limit is None:
             raise JobError(f"{job.mix_file}: has no max_overhang_by_{reference}; give --limit in degrees")
         limit_deg = math.degrees(math.atan(limit))
+    if not job.part.is_file() and job.toolpath.is_file():
+        raise JobError(
+            f"{job.folder}: was made from a toolpath and has no part; 'twincell optimize toolpath' betters the "
+            f"toolpath, 'twincell new {job.surface}' makes a job of its surface"
+        )
+    for option, value in (("--lock-below", lock_below), ("--lock-above", lock_above)):
+        if value is not None and not math.isfinite(value):
+            raise JobError(f"{option} needs a height in mm, not {value}")
     if job.part.suffix.lower() != ".ply":
         raise JobError(f"{job.part}: only a PLY can be written back; 'twincell new' makes a job with one")
     surface = read_part(job)
@@ -96,6 +111,8 @@ def optimize_surface(
         locked |= heights >= lock_above
     if lock_sides:
         locked |= lock_bounds(surface)
+    if locked.all():
+        raise JobError(f"{job.part}: is locked altogether, up to {heights.max():.6g} mm; lock less of it")
     try:
         result = relax_overhang(
             surface,
@@ -103,7 +120,7 @@ def optimize_surface(
             strength,
             locked,
             planes=planes if reference == "layer" and planes.axis is not None else None,
-            downward_only=not both,
+            side="both" if both else "below",
             progress=progress,
         )
     except TwinsError as error:
@@ -122,12 +139,14 @@ def optimize_surface(
         "by": reference,
         "area_over_limit_before_m2": round(result.over_before * 1e-6, 6),
         "area_over_limit_after_m2": round(result.over_after * 1e-6, 6),
-        "worst_before_deg": round(result.worst_before, 3),
-        "worst_after_deg": round(result.worst_after, 3),
+        "worst_before_deg": round(result.worst_before_deg, 3),
+        "worst_after_deg": round(result.worst_after_deg, 3),
         "volume_change_percent": round(100.0 * result.volume_change, 3),
         "mean_displacement_mm": round(result.mean_displacement, 3),
         "max_displacement_mm": round(result.max_displacement, 3),
         "iterations": result.iterations,
+        "reached": result.reached,
+        **({} if result.reached else {"remark": NOT_REACHED}),
         "kept": before.name if moved else None,
         "next": f"twincell {'slice' if is_edited(job) else 'plan'} {job.folder}" if moved else None,
     }
@@ -154,17 +173,22 @@ def optimize_toolpath(
         progress: is told what is done and its share.
 
     Returns:
-        figures before and after; where "changed" is false no file was touched.
+        figures before and after, and the name under which the toolpath before is kept; where "changed" is false no
+        file was touched.
 
     Raises:
         FormatError: a zone's file cannot be read.
         TwinsError: an argument is out of its range, or there is no M through the result: then nothing has changed.
     """
+    if min_distance == 0 and min_radius == 0:
+        raise JobError("with --min-distance 0 and --min-radius 0 there is nothing to do")
     toolpath = given = sliced(job)
     width = job.settings.print.width
     d = width if min_distance is None else min_distance
     radius = 0.5 * width if min_radius is None else min_radius
     zones = _zones(protect, MM[job.settings.part.units])
+    for nothing in zones.idle(toolpath) if protect else ():
+        LOG.warning("--protect: %s", nothing)
     values: dict[str, Any] = {}
     try:
         if d != 0:
@@ -189,13 +213,13 @@ def optimize_toolpath(
                     f"the least radius must be above 0 mm, or 0 to leave turns alone, not {radius:g}"
                 )
             finer = resample(
-                toolpath, min(radius / SEGMENTS, toolpath.thickness), corner_deg=1.0, protected=zones
+                toolpath, min(radius / SEGMENTS, toolpath.thickness), corner_deg=1.0, locked=zones
             )
             smoothed = smooth(
                 finer,
                 side,  # type: ignore[arg-type]
                 1.0 / radius,
-                protected=zones,
+                locked=zones,
                 progress=lambda share: progress("smoothing", share),
             )
             toolpath = smoothed.toolpath
@@ -222,10 +246,11 @@ def optimize_toolpath(
         return values
     inputs = inputs_of(job.toolpath)
     inputs.pop("toolpath", None)
-    keep_edited(job)
+    before = _aside(job.toolpath, "before")
+    shutil.copy2(job.toolpath, before)
     save_toolpath(toolpath, job.toolpath, inputs)
-    sliced(job)
-    return values
+    follow_edited(job, toolpath, quiet=True)
+    return {**values, "kept": before.name, "next": f"twincell plan {job.folder}"}
 
 
 def _aside(path: Path, word: str) -> Path:
@@ -251,15 +276,26 @@ def _zones(files: Sequence[Path], unit: float) -> Zones:
     polygons: list[Any] = []
     solids = []
     for file in files:
-        if file.suffix.lower() != ".json":
-            solid = read_surface(file)
-            solids.append(make_surface(np.asarray(solid.vertices) * unit, solid.faces))
-            continue
         try:
-            found = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise FormatError(f"{file}: cannot be read as JSON: {error}") from None
-        if not isinstance(found, list):
-            raise FormatError(f"{file}: must hold a list of polygons, each a list of [u, v] in mm")
-        polygons += found
+            if file.suffix.lower() == ".json":
+                polygons += _polygons(file)
+            else:
+                solid = read_surface(file)
+                solids.append(make_surface(np.asarray(solid.vertices) * unit, solid.faces))
+                Zones(solids=solids[-1:])
+        except TwinsError as error:
+            raise error if str(file) in str(error) else type(error)(f"{file}: {error}") from None
     return Zones(polygons, solids)
+
+
+def _polygons(file: Path) -> list[Any]:
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{file}: cannot be read as JSON: {error}") from None
+    if not isinstance(found, list) or not all(
+        isinstance(polygon, list) and all(isinstance(corner, list) for corner in polygon) for polygon in found
+    ):
+        raise FormatError(f"{file}: must hold a list of polygons, each a list of corners [u, v] in mm")
+    Zones(found)
+    return found

@@ -1,4 +1,4 @@
-"""Overhang of jobs, toolpaths and meshes, measured side by side and drawn as one picture."""
+"""Overhang of jobs, toolpaths and meshes, measured side by side."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import matplotlib as mpl
-from matplotlib.figure import Figure
+import numpy as np
+import trimesh
 
 from twins import (
     LocalOverhang,
@@ -16,7 +16,6 @@ from twins import (
     check_surface,
     load_toolpath,
     local_overhang,
-    overhang_distribution,
     read_surface,
     surface_overhang,
 )
@@ -28,6 +27,9 @@ from .stages import sliced
 WORST = 5
 """Places that are named."""
 
+LARGEST = 20.0
+"""Limits of d / t beyond this are angles by mistake: it is a lean of 87 degrees."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scheme:
@@ -37,11 +39,13 @@ class Scheme:
         name: of the source.
         overhang: measured, d / t.
         limit: of its material, or None.
+        surface: what was measured, where it is a mesh.
     """
 
     name: str
     overhang: LocalOverhang | SurfaceOverhang
     limit: float | None
+    surface: trimesh.Trimesh | None = None
 
     def as_dict(self) -> dict[str, object]:
         """Figures; lengths in m, areas in m²."""
@@ -58,6 +62,12 @@ class Scheme:
             values["share_above_limit"] = round(over.share_above(self.limit), 6)
         if isinstance(over, LocalOverhang):
             values["worst"] = [str(place) for place in over.worst(WORST)]
+        elif self.surface is not None:
+            size = np.ptp(np.asarray(self.surface.vertices), axis=0)
+            values["size_mm"] = [round(float(length), 3) for length in size]
+            at = int(np.argmax(over.values))
+            x, y, z = np.asarray(self.surface.triangles_center)[at]
+            values["worst"] = [f"{over.values[at]:.2f} at face {at} ({x:.1f}, {y:.1f}, {z:.1f})"]
         return values
 
 
@@ -73,9 +83,13 @@ def overhangs_of(sources: Sequence[Path], reference: Reference, limit: float | N
         JobError: a source that is none of these.
         TwinsError: it cannot be read or measured.
     """
+    if limit is not None and not 0.0 < limit < LARGEST:
+        raise JobError(
+            f"a limit of d / t is above 0 and below {LARGEST:g}, not {limit:g}; 1 is a lean of 45 degrees"
+        )
     schemes = []
     for source in sources:
-        own = limit
+        own, surface = limit, None
         if source.is_dir():
             job = load_job(source)
             measured: LocalOverhang | SurfaceOverhang = local_overhang(sliced(job), reference)
@@ -87,29 +101,8 @@ def overhangs_of(sources: Sequence[Path], reference: Reference, limit: float | N
         elif source.is_file():
             surface = read_surface(source)
             check_surface(surface)
-            measured = surface_overhang(surface, side="below")
+            measured = surface_overhang(surface, side="both")
         else:
             raise JobError(f"{source}: no such file; name a job folder, a toolpath.json or a mesh")
-        schemes.append(Scheme(str(source), measured, own))
+        schemes.append(Scheme(str(source), measured, own, surface))
     return schemes
-
-
-def draw_overhangs(schemes: Sequence[Scheme], path: Path) -> None:
-    """Draw the cumulative distributions of all schemes: what share of the length or area has at most which d / t."""
-    table = overhang_distribution({f"{i}": scheme.overhang for i, scheme in enumerate(schemes)})
-    mpl.rcParams["font.size"] = 9
-    figure = Figure(figsize=(7.5, 4.5), layout="constrained")
-    axes = figure.subplots()
-    for scheme, shares in zip(schemes, table.shares, strict=True):
-        (line,) = axes.plot(table.overhang, 100.0 * shares, label=scheme.name)
-        if scheme.limit is not None:
-            axes.axvline(scheme.limit, color=line.get_color(), linestyle=":", linewidth=1.0)
-    limits = [scheme.limit for scheme in schemes if scheme.limit is not None]
-    axes.set_xlim(0.0, max([float(table.overhang[-1]), *(1.05 * limit for limit in limits)]))
-    axes.set_ylim(0.0, 101.0)
-    axes.set_xlabel("local overhang d / t; dotted: limit")
-    axes.set_ylabel("share of length or area with at most that [%]")
-    axes.set_title("Local overhang")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="lower right")
-    figure.savefig(path, dpi=120)

@@ -14,12 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 
 import robot
-from planning import check
 from robot.simulation import SimulatedCell
 
 from .job import Job
 from .report import write_summary
-from .stages import planned, refuse
+from .stages import checked, planned, refuse
 
 MEASURED = (
     "run_duration_s",
@@ -51,7 +50,7 @@ def print_job(
         RobotError: the cell does not answer, or the print was stopped.
     """
     program, toolpath = planned(job)
-    refuse(check(program, job.cell, job.mix, toolpath))
+    refuse(checked(job, program, toolpath))
     if dry:
         program = replace(program, flow=np.zeros(len(program)))
     with contextlib.ExitStack() as stack:

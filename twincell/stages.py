@@ -24,7 +24,7 @@ from twins import (
     toolpath_mesh,
 )
 
-from .edited import follow_edited, is_edited, keep_edited
+from .edited import follow_edited, is_edited, is_outdated, keep_edited
 from .errors import JobError
 from .job import Job
 from .part import FIT, read_part
@@ -92,7 +92,7 @@ def sliced(job: Job) -> Toolpath:
             ) from None
         inputs = inputs_of(job.toolpath)
         if inputs.pop("toolpath", "") != fingerprint(toolpath):
-            follow_edited(job, toolpath, inputs)
+            follow_edited(job, toolpath)
             return toolpath
         if inputs == job.slicing_inputs() and job.surface.is_file() and job.volume.is_file():
             return toolpath
@@ -110,7 +110,27 @@ def plan_job(job: Job) -> tuple[Program, Toolpath, list[Finding]]:
     partial = job.script.with_suffix(".partial")
     partial.write_text(urscript(program, job.cell), encoding="utf-8")
     partial.replace(job.script)
-    return program, toolpath, check(program, job.cell, job.mix, toolpath)
+    return program, toolpath, checked(job, program, toolpath)
+
+
+def checked(job: Job, program: Program, toolpath: Toolpath) -> list[Finding]:
+    """What speaks against printing a job's program."""
+    findings = check(program, job.cell, job.mix, toolpath)
+    if is_outdated(job):
+        findings.append(
+            Finding(
+                "toolpath",
+                Severity.WARNING,
+                -1,
+                0.0,
+                0.0,
+                "",
+                f"{job.toolpath} was edited or optimised before the part or [slicing] last changed, and is what would "
+                "be printed",
+                f"if the part is meant: twincell slice {job.folder}",
+            )
+        )
+    return findings
 
 
 def planned(job: Job) -> tuple[Program, Toolpath]:

@@ -25,7 +25,7 @@ from .reconstruction import ToolpathMesh, reconstruct, toolpath_mesh
 from .regions.booleans import BooleanResult, difference, intersection, union
 from .regions.cleaning import CleanResult, clean
 from .regions.edits import join_layers, mirror, move, reorder, reverse, rotate, scale, split_layers
-from .regions.joined_layers import JoinResult
+from .regions.linked_layers import LinkResult
 from .regions.merge_regions import merge_regions
 from .regions.offsetting import OffsetResult, offset
 from .regions.outlines import oriented, regions_of
@@ -45,9 +45,9 @@ __all__ = [
     "Curve",
     "FormatError",
     "GlobalOverhang",
-    "JoinResult",
     "Layer",
     "LayeredMesh",
+    "LinkResult",
     "LocalOverhang",
     "OffsetResult",
     "Orientation",
@@ -71,8 +71,8 @@ __all__ = [
     "WidthVariation",
     "Zones",
     "bead_cover",
-    "bead_overlap",
     "bead_outlines",
+    "bead_overlap",
     "best_orientation",
     "check_surface",
     "clean",

@@ -117,6 +117,40 @@ def test_optimising_the_toolpath_leaves_twins_and_zones(tmp_path, block, twincel
     assert load_toolpath(block / "toolpath.json").length == after.length
 
 
+def test_an_optimised_toolpath_is_kept_and_said_to_be_older_than_its_part(block, twincell):
+    twincell("slice", block)
+    before = (block / "toolpath.json").read_bytes()
+    code, out, err = twincell("optimize", "toolpath", block, "--min-radius", 15, "--json")
+    assert (code, err) == (0, "")
+    assert (block / json.loads(out)["kept"]).read_bytes() == before
+    assert not figures(twincell("plan", block, "--json"))["findings"]
+    settings = block / "job.toml"
+    settings.write_text(settings.read_text().replace("thickness = 10.0", "thickness = 12.5"))
+    (finding,) = figures(twincell("plan", block, "--json"))["findings"]
+    assert finding["kind"] == "toolpath"
+    assert "twincell slice" in finding["remedy"]
+    assert figures(twincell("check", block, "--json"))["findings"] == [finding]
+
+
+def test_what_cannot_be_bettered_is_refused(tmp_path, block, twincell, one_sentence):
+    one_sentence(twincell("optimize", "surface", block, "--lock-below", 500), "part.ply", "locked altogether")
+    one_sentence(twincell("optimize", "surface", block, "--lock-above", "nan"), "--lock-above", "nan")
+    one_sentence(
+        twincell("optimize", "toolpath", block, "--min-radius", 0, "--min-distance", 0), "nothing to do"
+    )
+    for text in ("[[0, 0], [1, 0], [1, 1]]", '{"a": 1}', "[[[0, 0], [1]]]", '[["a", "b"]]'):
+        (tmp_path / "zone.json").write_text(text)
+        one_sentence(
+            twincell("optimize", "toolpath", block, "--protect", tmp_path / "zone.json"), "zone.json"
+        )
+    twincell("slice", block)
+    assert twincell("new", block / "toolpath.json", "-o", tmp_path / "other")[0] == 0
+    one_sentence(twincell("optimize", "surface", tmp_path / "other"), "was made from a toolpath")
+    for limit in (-1, 45, "nan"):
+        one_sentence(twincell("overhang", block, "--limit", limit), "above 0 and below 20")
+    one_sentence(twincell("overhang", block, "-o", tmp_path / "none" / "a.png"), "no folder")
+
+
 def test_wrong_arguments_change_nothing(tmp_path, job, twincell, one_sentence):
     twincell("slice", job)
     before = {path.name: path.read_bytes() for path in job.iterdir() if path.is_file()}

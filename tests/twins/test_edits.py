@@ -114,7 +114,8 @@ def test_splitting_and_joining_is_nothing(rotary):
     assert same_layers(joined, toolpath)
     assert joined.thickness == toolpath.thickness
     assert joined.base is toolpath.base
-    for at in (0, len(toolpath.layers), [4, 4], [5, 3], -1):
+    assert len(split_layers(toolpath, np.int64(2))) == 2
+    for at in (0, len(toolpath.layers), [4, 4], [5, 3], -1, 1.5, [2.0], "2"):
         with pytest.raises(ToolpathError, match="ascending layers"):
             split_layers(toolpath, at)
 

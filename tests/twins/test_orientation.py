@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from shapes import SHAPES, box, rotated, sphere, stepped_box, y_branch
 
 from twins import Plane, SurfaceError, layer_planes, make_surface, slice_surface
-from twins.overhang.orientation import STANDS, best_orientation, candidate_directions
+from twins.overhang.orientation import STANDS_DEG, best_orientation, candidate_directions
 from twins.overhang.surfaces import surface_overhang
 
 Z = [[0.0, 0.0, 1.0]]
@@ -36,23 +36,25 @@ def test_figures_of_a_sphere():
     R, t = 150.0, 10.0
     for degrees in (30.0, 45.0):
         theta = np.radians(degrees)
-        (o,) = best_orientation(sphere(R, 5), np.tan(theta), t, Z).ranked
+        (o,) = best_orientation(sphere(R, 5), degrees, t, Z).ranked
         assert o.share_over == pytest.approx((1 - np.sin(theta)) / 2, abs=0.01)
         assert o.area_over == pytest.approx(o.share_over * sphere(R, 5).area)
         # The integral of (angle - theta) cos(angle) from theta to 90°, by parts.
-        assert o.excess == pytest.approx((np.pi / 2 - theta - np.cos(theta)) / 2, rel=0.02)
+        assert np.radians(o.excess_deg) == pytest.approx((np.pi / 2 - theta - np.cos(theta)) / 2, rel=0.02)
         assert o.height == pytest.approx(2 * R, rel=1e-3)
         assert o.print_length == pytest.approx(np.pi**2 * R**2 / t, rel=5e-3)
         assert o.base_area == pytest.approx(np.pi * (2 * R * t / 2 - (t / 2) ** 2), rel=0.01)
-        assert o.tilt == pytest.approx(np.arctan2(np.sqrt(R * t - (t / 2) ** 2), R), rel=0.01)
+        stand = np.arctan2(np.sqrt(R * t - (t / 2) ** 2), R)
+        assert o.tilt_deg == pytest.approx(np.degrees(stand), rel=0.01)
     # 99 % of the area: the last one hangs over more than arcsin(0.98).
-    assert o.worst == pytest.approx(np.tan(np.arcsin(0.98)), rel=0.03)
+    assert np.tan(np.radians(o.worst_deg)) == pytest.approx(np.tan(np.arcsin(0.98)), rel=0.03)
 
 
+@pytest.mark.parametrize("side", ["below", "both"])
 @pytest.mark.parametrize("name", [*SHAPES, "turned Y-branch"])
-def test_figures_are_those_of_the_sliced_part(name):
+def test_figures_are_those_of_the_sliced_part(name, side):
     part = rotated(y_branch(), 5) if name == "turned Y-branch" else SHAPES[name]()
-    (o,) = best_orientation(part, 0.7, 5.0, Z).ranked
+    (o,) = best_orientation(part, 35.0, 5.0, Z, side).ranked
     height = float(np.ptp(part.vertices[:, 2]))
     planes = layer_planes(Plane.horizontal(), height, 5.0)
     toolpath = slice_surface(part, planes)
@@ -60,9 +62,9 @@ def test_figures_are_those_of_the_sliced_part(name):
     assert o.print_length == pytest.approx(toolpath.length * planes.thickness / 5.0, rel=0.03)
     first = sum(curve.signed_area for curve in toolpath.layers[0].curves)
     assert o.base_area == pytest.approx(first, rel=0.03, abs=50.0)
-    over = surface_overhang(part, side="below")
-    assert o.area_over == pytest.approx(over.above(0.7))
-    assert np.arctan(o.worst) == pytest.approx(np.arctan(over.quantile(0.99)), abs=np.radians(0.06))
+    over = surface_overhang(part, side=side)
+    assert o.area_over == pytest.approx(over.above(np.tan(np.radians(35.0))))
+    assert o.worst_deg == pytest.approx(np.degrees(np.arctan(over.quantile(0.99))), abs=0.06)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -70,7 +72,7 @@ def test_a_cone_stands_on_its_base_however_it_comes(seed):
     part = rotated(cone(), seed)
     tip = np.argmax(np.linalg.norm(part.vertices - part.centroid, axis=1))
     base_normal = part.face_normals[(part.faces != tip).all(axis=1)][0]
-    ranking = best_orientation(part, 0.3)
+    ranking = best_orientation(part, 17.0)
     up = ranking.best.direction
     assert angle_between(up, -base_normal) < 0.2
     assert up @ (part.vertices[tip] - part.centroid) > 0
@@ -80,7 +82,7 @@ def test_a_cone_stands_on_its_base_however_it_comes(seed):
     assert stood.vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert stood.vertices[:, 2].max() == pytest.approx(250.0)
     # Stood up, it is best as it is.
-    again = best_orientation(stood, 0.3)
+    again = best_orientation(stood, 17.0)
     assert angle_between(again.best.direction, [0, 0, 1]) < 0.2
     assert again.as_given.area_over == 0.0
 
@@ -89,15 +91,15 @@ def test_turning_the_part_turns_the_ranking():
     part, directions = y_branch(), np.random.default_rng(3).normal(size=(12, 3))
     R = Rotation.random(None, np.random.default_rng(6)).as_matrix()
     turned = make_surface(np.asarray(part.vertices) @ R.T, part.faces)
-    here = best_orientation(part, 0.5, candidates=np.vstack([Z, R.T @ [0, 0, 1], directions]))
-    there = best_orientation(turned, 0.5, candidates=np.vstack([R @ [0, 0, 1], Z, directions @ R.T]))
+    here = best_orientation(part, 27.0, candidates=np.vstack([Z, R.T @ [0, 0, 1], directions]))
+    there = best_orientation(turned, 27.0, candidates=np.vstack([R @ [0, 0, 1], Z, directions @ R.T]))
     assert len(here.ranked) == len(there.ranked) == 14
     assert np.array([o.direction for o in here.ranked]) @ R.T == pytest.approx(
         np.array([o.direction for o in there.ranked]), abs=1e-9
     )
     for a, b in zip(here.ranked, there.ranked, strict=True):
-        assert [a.area_over, a.height, a.base_area, a.print_length, a.tilt] == pytest.approx(
-            [b.area_over, b.height, b.base_area, b.print_length, b.tilt], rel=1e-6
+        assert [a.area_over, a.height, a.base_area, a.print_length, a.tilt_deg] == pytest.approx(
+            [b.area_over, b.height, b.base_area, b.print_length, b.tilt_deg], rel=1e-6
         )
         for o in (a, b):
             assert o.rotation @ o.direction == pytest.approx([0, 0, 1], abs=1e-12)
@@ -110,19 +112,19 @@ def test_a_plate_lies_flat_and_a_part_that_would_fall_does_not_stand():
     assert best_orientation(plate).best.height == pytest.approx(20.0)
     # A prism falls once its middle is beside its base; 5 mm of it are below the section.
     for shift, stands in ((60.0, True), (140.0, False)):
-        (o,) = best_orientation(leaning(shift), 1.0, 10.0, Z).ranked
-        assert (o.tilt > STANDS) == stands
+        (o,) = best_orientation(leaning(shift), 45.0, 10.0, Z).ranked
+        assert (o.tilt_deg > STANDS_DEG) == stands
         reach = 50.0 - 0.5 * shift + shift * 5.0 / 200.0
-        assert o.tilt == pytest.approx(np.arctan2(reach, 100.0), abs=np.radians(1.0))
-    assert best_orientation(leaning(140.0)).best.tilt >= STANDS
+        assert o.tilt_deg == pytest.approx(np.degrees(np.arctan2(reach, 100.0)), abs=1.0)
+    assert best_orientation(leaning(140.0)).best.tilt_deg >= STANDS_DEG
 
 
 def test_the_way_up_that_stands_and_hangs_over_less_is_better():
     # Upside down the branch stands on two feet; on its side it hangs over along its whole length.
-    ranking = best_orientation(y_branch(), 0.3)
-    over = [o.excess for o in ranking.ranked if o.tilt >= STANDS]
-    assert ranking.best.excess <= min(over) + np.radians(0.5)
-    assert all(o.tilt < STANDS for o in ranking.ranked[len(over) :])
+    ranking = best_orientation(y_branch(), 17.0)
+    over = [o.excess_deg for o in ranking.ranked if o.tilt_deg >= STANDS_DEG]
+    assert ranking.best.excess_deg <= min(over) + 0.5
+    assert all(o.tilt_deg < STANDS_DEG for o in ranking.ranked[len(over) :])
     assert sum(o is ranking.as_given for o in ranking.ranked) == 1
 
 
@@ -153,7 +155,7 @@ def test_the_plane_through_three_feet_is_a_way_to_stand():
     closest = found[np.argmax(found @ up)]
     assert angle_between(closest, up) < 0.2
     (stood,) = (o for o in best_orientation(part, candidates=[up]).ranked if o.direction[2] < 1.0)
-    assert stood.tilt > STANDS
+    assert stood.tilt_deg > STANDS_DEG
 
 
 def test_an_executor_changes_nothing_and_progress_is_told():
@@ -169,8 +171,9 @@ def test_an_executor_changes_nothing_and_progress_is_told():
 def test_what_cannot_be_ranked_is_refused():
     part = box()
     for arguments, says in (
-        ({"limit": 0.0}, "limit"),
-        ({"limit": float("nan")}, "limit"),
+        ({"limit_deg": 0.0}, "between 0° and 90°"),
+        ({"limit_deg": 90.0}, "between 0° and 90°"),
+        ({"limit_deg": float("nan")}, "between 0° and 90°"),
         ({"thickness": -1.0}, "thickness"),
         ({"side": "above"}, "side"),
         ({"candidates": [[0.0, 0.0, 0.0]]}, "candidate 0 is the zero vector"),
@@ -188,7 +191,7 @@ def test_the_base_is_the_section_in_the_middle_of_the_first_layer(seed):
     part = rotated(box(120.0, 80.0, 50.0), seed)
     height = float(np.ptp(part.vertices[:, 2]))
     for layers in (2, 3, 7):
-        (o,) = best_orientation(part, 1.0, height / layers, Z).ranked
+        (o,) = best_orientation(part, 45.0, height / layers, Z).ranked
         toolpath = slice_surface(part, layer_planes(Plane.horizontal(), height, height / layers), 5.0)
         exact = sum(curve.signed_area for curve in toolpath.layers[0].curves)
         assert o.base_area == pytest.approx(exact, rel=1e-6)

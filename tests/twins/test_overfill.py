@@ -1,16 +1,30 @@
 """Overfill optimisation: equation 4 to the letter, runs that end at d_min, curves that never cross."""
 
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 import pytest
 import shapely
 from shapes import REFERENCE, SHAPES
 
-from twins import Curve, Layer, Plane, Toolpath, ToolpathError, Zones, layer_planes, slice_surface
+from twins import (
+    Curve,
+    Layer,
+    Plane,
+    Toolpath,
+    ToolpathError,
+    Zones,
+    largest_turning,
+    layer_planes,
+    resample,
+    slice_surface,
+)
 from twins.curves.close_points import Runs, near_segments, nearest_runs, spacing
 from twins.curves.dividing import divided
+from twins.curves.fairing import fair
 from twins.curves.overfill import equation_4, relieve_overfill
+from twins.curves.thinning import carried_over, thinned
 
 BED = Plane.horizontal()
 D = 20.0
@@ -203,6 +217,85 @@ def test_segments_of_locked_points_stay_where_curves_are_divided():
     assert (b.points[b.points[:, 0] > 220.0, 1] > 15.0).all()
 
 
+@pytest.mark.parametrize("half", [8.0, 14.0, 30.0])
+def test_a_notch_has_no_shoulders_however_it_is_sampled(half):
+    """A pushed stretch ends in the tip, where the runs are near along the curve; what is pushed must not fold there."""
+    mouth = [(-100, -100), (100, -100), (100, -half), (30, 0), (100, half), (100, 100), (-100, 100)]
+    square = stack([Curve(np.array(mouth, float))])
+    turns, areas = [], []
+    for length in (5.5, 4.0, 2.0, 1.0, 0.5):
+        given = resample(square, length, corner_deg=10.0)
+        result = relieve_overfill(given, 22.0)
+        assert result.after.close == 0.0
+        turns.append(largest_turning(result.toolpath.layers[0].curves[0], 22.0))
+        areas.append(result.area_change)
+        before = largest_turning(given.layers[0].curves[0], 22.0)
+    assert max(turns) <= 1.15 * before
+    assert np.ptp(turns) <= 0.2 * before
+    assert np.ptp(areas) <= 0.005
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_fairing_solves_its_equations(closed):
+    """Against NumPy, row by row as they are written down; and far from what is pushed everything follows it."""
+    rng = np.random.default_rng(5)
+    curves = [Curve(star(1, 30).points, closed), ring(20.0, (300.0, 0.0), 12), line(400.0, 0.0, 30.0)]
+    runs = Runs.of(curves)
+    n = len(runs.points)
+    points = runs.points + rng.normal(0.0, 1.0, (n, 2))
+    free = rng.random(n) < 0.9
+    push = rng.normal(0.0, 1.0, (n, 2)) * (rng.random(n) < 0.2)[:, None]
+    push[runs.curve == 1] = 0.0  # a whole circle that nothing pushes or holds
+    free[runs.curve == 1] = True
+    step = push.copy()
+    fair(step, points, runs.points, runs.previous, runs.following, runs.starts, free, 0.3, 5.0)
+    pushed = push.any(axis=1)
+    assert (step[~free] == 0.0).all()
+    assert (step[free & pushed] == push[free & pushed]).all()
+    A, b = np.eye(n), points + np.where(free[:, None], push, 0.0) - runs.points
+    for i in np.flatnonzero(free & ~pushed):
+        p, f = runs.previous[i], runs.following[i]
+        to_last, to_next = (np.linalg.norm(runs.points[k] - runs.points[i]) for k in (p, f))
+        if p == i:
+            parts = [(f, 0.3 * 25.0 / to_next**2)]
+        elif f == i:
+            parts = [(p, 0.3 * 25.0 / to_last**2)]
+        else:
+            parts = [(k, 0.3 * 25.0 / (to_last + to_next) / way) for k, way in ((p, to_last), (f, to_next))]
+        for k, part in parts:
+            A[i, i] += part
+            A[i, k] -= part
+    np.testing.assert_allclose(points + step - runs.points, np.linalg.solve(A, b), atol=1e-9)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("longest", [0.1, 3.0, 20.0, 1e4])
+def test_thinned_curves_are_as_sparse_as_they_may_be(closed, longest):
+    curve = Curve(star(7, 200, jag=0.05).points, closed)
+    kept = np.random.default_rng(1).random(200) < 0.03
+    found = thinned(curve, longest, kept)
+    assert found[0] == 0
+    assert set(np.flatnonzero(kept)) <= set(found)
+    assert (np.diff(found) > 0).all()
+    ends = np.vstack([curve.points, curve.points[:1]]) if closed else curve.points
+    place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(ends, axis=0), axis=1)))
+    stops = np.append(found, 200) if closed else found
+    assert closed or found[-1] == 199
+    for a, b in pairwise(stops):
+        assert b == a + 1 or place[b] - place[a] <= longest * (1 + 1e-6)
+        if b not in (199, 200) and not kept[b]:
+            assert place[b + 1] - place[a] > longest
+    # A displacement that is linear along the curve between them is carried over as it is.
+    at = np.arange(len(found))
+    gone = np.column_stack([np.cos(at), at % 3])
+    everywhere = carried_over(curve, found, gone)
+    np.testing.assert_allclose(everywhere[found], gone, atol=1e-12)
+    for k, (a, b) in enumerate(pairwise(stops)):
+        share = ((place[a:b] - place[a]) / (place[b] - place[a]))[:, None]
+        between = (1 - share) * gone[k] + share * gone[(k + 1) % len(gone)]
+        np.testing.assert_allclose(everywhere[a:b], between, atol=1e-9)
+
+
 def test_what_is_far_enough_apart_is_returned_itself():
     near, far = [ring(40.0), ring(30.0, clockwise=True)], [ring(40.0)]
     given = stack(near, far, [])
@@ -317,3 +410,16 @@ def test_porous_column_is_relieved():
 def test_bad_arguments(arguments, message):
     with pytest.raises(ToolpathError, match=message):
         relieve_overfill(stack([line(0.0), line(10.0)]), **{"min_distance": D, **arguments})
+
+
+def test_beside_a_lock_a_curve_steps_aside_gradually():
+    lower, upper = line(0.0), line(0.4 * D)
+    locked = upper.points[:, 0] < 100.0
+    result = relieve_overfill(
+        stack([lower, upper]), D, [[np.ones(len(lower.points), bool), locked]], steps=400
+    )
+    moved = result.toolpath.layers[0].curves[1].points
+    gone = np.linalg.norm(moved - upper.points, axis=1)
+    place = upper.points[:, 0]
+    assert (gone <= np.maximum(place - place[locked].max(), 0.0) + 1e-9).all()
+    np.testing.assert_allclose(moved[(place > 160.0) & (place < 280.0), 1], D, rtol=0.005)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
@@ -427,10 +428,24 @@ def test_faces_on_the_bed_are_carried_and_flat_ones_above_are_not():
     block = make_surface(*box_of(100.0, 60.0, 40.0))
     over = surface_overhang(block)
     assert over.weights.sum() == pytest.approx(2 * (100 * 60 + 100 * 40 + 60 * 40))
-    assert over.above(1e6) == pytest.approx(100 * 60)
-    assert surface_overhang(block, side="below").maximum == 0.0
+    assert over.maximum == surface_overhang(block, side="below").maximum == 0.0
     lifted = layer_planes(Plane.horizontal(-10.0), 50.0, T)
-    assert surface_overhang(block, lifted, side="below").above(1e6) == pytest.approx(100 * 60)
+    for side in ("below", "both"):
+        assert surface_overhang(block, lifted, side=side).above(1e6) == pytest.approx(100 * 60)
+
+
+@pytest.mark.parametrize("planes", [None, layer_planes(Plane.horizontal(), 100.0, T)])
+def test_flat_tops_do_not_count_and_ledges_do_with_both_sides(planes):
+    block, tower = (
+        trimesh.creation.box(bounds=[[-x, -40, z], [x, 40, z + h]]) for x, z, h in ((60, 0, 40), (30, 40, 60))
+    )
+    stairs = trimesh.boolean.union([block, tower], engine="manifold")
+    stairs = make_surface(stairs.vertices, stairs.faces)
+    assert surface_overhang(stairs, planes, side="below").maximum == 0.0
+    assert surface_overhang(stairs, planes).above(1e6) == pytest.approx(60 * 80)
+    # Slices agree: the tower's first curve has the block's for a neighbour below, 30 beside it.
+    toolpath = slice_surface(stairs, layer_planes(BED, 100.0, T))
+    assert local_overhang(toolpath).maximum == pytest.approx(30.0 / T, rel=0.02)
 
 
 def box_of(x, y, z):
@@ -454,6 +469,8 @@ def test_the_build_direction_turns_along_the_part():
     exact = np.column_stack([-np.sin(angle), np.zeros(len(angle)), np.cos(angle)])
     assert over.directions == pytest.approx(exact, abs=1e-4)
     assert over.values[side].max() < 0.02
+    # Its ends lie on the bed and in the top plane.
+    assert (over.values[side.stop :] == 0.0).all()
     assert surface_overhang(surface).values[side].max() > 1.5
 
 
@@ -499,6 +516,8 @@ def test_shares_and_quantiles_say_the_same(pairs, limit, share):
     for at, have in zip(table.overhang, table.shares[0], strict=True):
         assert have == pytest.approx(weights[values <= at].sum() / weights.sum())
         assert 1.0 - have == pytest.approx(measured.share_above(at), abs=1e-12)
+    for anywhere in (limit, -1.0, 1e9, *values):
+        assert table.share_above(anywhere)["a"] == measured.share_above(anywhere)
     assert table.shares[0] == pytest.approx(
         overhang_distribution({"b": Measured(values * 2, weights)}, 2 * table.overhang).shares[0]
     )
@@ -516,9 +535,12 @@ def test_a_distribution_compares_toolpaths_and_surfaces():
     )
     assert table.totals == pytest.approx([toolpath.length, surface.area])
     assert table.overhang[0] == 0.0
-    assert table.overhang[-1] == 2.0
+    assert table.overhang[-1] == pytest.approx(min(2.0, local_overhang(toolpath).maximum))
+    assert overhang_distribution({"ball": surface_overhang(sphere())}).overhang[-1] == 2.0
     first = toolpath.layers[0].curves[0].length / toolpath.length
     assert table.share_above(0.45)["toolpath"] == pytest.approx(1 - first)
+    with pytest.raises(ToolpathError, match="nan"):
+        table.share_above(float("nan"))
     with pytest.raises(ToolpathError, match="at least one scheme"):
         overhang_distribution({})
     with pytest.raises(ToolpathError, match="ascend"):

@@ -3,9 +3,18 @@
 import numpy as np
 import pytest
 import trimesh
-from shapes import box, brick, level_set, manifold_faults, quads, torus, vase_radius
+from shapes import box, brick, level_set, manifold_faults, quads, stepped_box, torus, vase_radius
 
-from twins import Plane, SurfaceError, layer_planes, make_surface, signed_volume
+from twins import (
+    Plane,
+    SurfaceError,
+    check_surface,
+    layer_planes,
+    make_surface,
+    signed_volume,
+    slice_surface,
+)
+from twins.overhang.contact import Contact, FlatTop
 from twins.overhang.energy import collapse_energy, normal_energy
 from twins.overhang.inversions import inverted_faces, turned_back
 from twins.overhang.locks import (
@@ -137,8 +146,8 @@ def test_energy_is_that_of_spokes_and_rims_ties_volume_and_place():
     assert shape.energy(new, np.zeros_like(new)) == pytest.approx(energy, rel=1e-9)
 
 
-@pytest.mark.parametrize("downward_only", [True, False])
-def test_gradient_is_the_derivative(downward_only):
+@pytest.mark.parametrize("both", [True, False])
+def test_gradient_is_the_derivative(both):
     old, new, faces = crumpled(3)
     shape = RigidShape(old, faces, np.ones(len(old), bool), 25.0, keep_volume=True)
     rng = np.random.default_rng(4)
@@ -149,7 +158,7 @@ def test_gradient_is_the_derivative(downward_only):
     def energy(vertices, gradient):
         scratch = np.empty(len(faces)), np.empty(len(faces))
         return shape.energy(vertices, gradient) + normal_energy(
-            vertices, faces, weight, up, aim, downward_only, gradient, *scratch
+            vertices, faces, weight, up, aim, both, gradient, *scratch
         )
 
     gradient = np.zeros_like(new)
@@ -196,6 +205,28 @@ def test_a_rigid_motion_costs_only_the_way():
     assert np.allclose(gradient, 2.0 * way, atol=1e-6)
 
 
+@pytest.mark.parametrize("level", [None, 3.0])
+def test_a_flat_top_moves_as_one_in_a_preconditioned_step(level):
+    old, _, faces = crumpled()
+    free = np.arange(len(old)) > 0
+    normal = np.array([0.6, 0.0, 0.8])
+    top = free & (old @ normal > 5.0)
+    flat = FlatTop(top, normal, level)
+    shape = RigidShape(old, faces, free, 25.0, keep_volume=True, flat=flat)
+    contact = Contact(old, free, Plane.horizontal(-100.0), flat)
+    rng = np.random.default_rng(8)
+    g, h = (rng.normal(size=(free.sum(), 3)).ravel() for _ in range(2))
+    step = shape.precondition(g)
+    rise = shape.full(step)[top] @ normal
+    assert top.sum() > 3
+    assert np.ptp(rise) < 1e-9 * np.abs(step).max()
+    assert (level is None) or np.abs(rise).max() < 1e-9
+    assert np.allclose(contact.along(step, np.zeros(free.sum(), bool)), step, atol=1e-9 * np.abs(step).max())
+    # Symmetric and positive definite on what is left.
+    assert h @ step == pytest.approx(g @ shape.precondition(h))
+    assert g @ step > 0.0
+
+
 def test_quasi_newton_finds_the_least_of_a_valley():
     scale = np.array([1.0, 30.0, 400.0])
 
@@ -237,31 +268,30 @@ def both_rims(surface):
 
 
 CASES = {
-    "sphere": (ball, 45.0, lower_rim, True, 0.1),
-    "sphere, both ways": (ball, 45.0, lower_rim, False, 0.1),
-    "vase, one rim locked": (hollow_vase, 30.0, lock_base, True, 0.25),
-    "vase, both rims locked": (hollow_vase, 30.0, both_rims, True, 0.5),
-    "vase, both rims locked, both ways": (hollow_vase, 30.0, both_rims, False, 0.5),
-    "gyroid brick": (lambda: brick(size=200.0, points=36), 45.0, lock_bounds, True, 0.25),
-    "bridge": (bridge, 45.0, lock_base, True, 0.25),
+    "sphere": (ball, 45.0, lower_rim, "below", 0.1),
+    "sphere, both ways": (ball, 45.0, lower_rim, "both", 0.1),
+    "vase, one rim locked": (hollow_vase, 30.0, lock_base, "below", 0.25),
+    "vase, both rims locked": (hollow_vase, 30.0, both_rims, "below", 0.5),
+    "vase, both rims locked, both ways": (hollow_vase, 30.0, both_rims, "both", 0.5),
+    "gyroid brick": (lambda: brick(size=200.0, points=36), 45.0, lock_bounds, "below", 0.25),
+    "bridge": (bridge, 45.0, lock_base, "below", 0.25),
 }
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_reaches_the_limit_and_keeps_the_part(name):
-    make, limit, lock, downward_only, bar = CASES[name]
+    make, limit, lock, side, bar = CASES[name]
     surface = make()
     locked = lock(surface)
-    result = relax_overhang(surface, limit, locked=locked, downward_only=downward_only, tolerance=0.2 * bar)
+    result = relax_overhang(surface, limit, locked=locked, side=side, tolerance=0.2 * bar)
     old, new = np.asarray(surface.vertices), np.asarray(result.surface.vertices)
     assert result.over_before > 0.05 * result.area
     assert result.remaining <= bar
     # The same figure from the public measure.
     free = ~locked[surface.faces].all(axis=1)
     for mesh, area in ((surface, result.over_before), (result.surface, result.over_after)):
-        found = surface_overhang(mesh, side="below" if downward_only else "both")
-        tops = (surface.face_normals[:, 2] > 1.0 - 1e-6) & (not downward_only)
-        over = found.weights[free & ~tops & (found.values > np.tan(np.radians(limit)) + 1e-8)].sum()
+        found = surface_overhang(mesh, side=side)
+        over = found.weights[free & (found.values > np.tan(np.radians(limit)) + 1e-8)].sum()
         assert over == pytest.approx(area, rel=1e-6, abs=1e-6)
     diagonal = np.linalg.norm(np.ptp(old, axis=0))
     assert abs(signed_volume(result.surface) / signed_volume(surface) - 1.0) <= 0.06
@@ -295,10 +325,85 @@ def test_an_open_tube_with_both_rims_locked_reaches_the_limit():
     tube = revolved(np.column_stack([60.0 + 25.0 * np.cos(2 * np.pi * z / 200.0), z]), 80)
     locked = lock_rim(tube)
     assert locked.sum() == 160
-    result = relax_overhang(tube, 32.0, locked=locked, downward_only=False)
-    assert result.worst_before > 37.0
+    result = relax_overhang(tube, 32.0, locked=locked, side="both")
+    assert result.worst_before_deg > 37.0
     assert result.reached
     assert result.remaining <= 0.02
+
+
+@pytest.mark.parametrize("side", ["below", "both"])
+@pytest.mark.parametrize("detail", [3, 4])
+def test_a_ball_on_one_vertex_does_not_sink_through_the_bed(detail, side):
+    mesh = trimesh.creation.icosphere(detail, 100.0)
+    surface = make_surface(mesh.vertices + [0.0, 0.0, 100.0], mesh.faces)
+    assert lock_base(surface).sum() == 1
+    result = relax_overhang(surface, 45.0, side=side)
+    assert result.reached
+    assert result.inverted == 0
+    z = np.asarray(result.surface.vertices)[:, 2]
+    assert z.min() >= -1e-9
+    found = surface_overhang(result.surface, side=side)
+    assert found.above(1.0 + 1e-8) == pytest.approx(result.over_after)
+    check_surface(result.surface)
+    planes = layer_planes(Plane.horizontal(), float(z.max()), 10.0)
+    assert all(layer.curves for layer in slice_surface(result.surface, planes).layers)
+
+
+def test_nothing_sinks_below_a_tilted_bed():
+    surface = ball(20)
+    R = trimesh.transformations.rotation_matrix(0.2, [1, 0, 0])[:3, :3]
+    bed = Plane(np.zeros(3), R[:, 0], R[:, 1])
+    surface = make_surface(np.asarray(surface.vertices) @ R.T, surface.faces)
+    planes = layer_planes(bed, 300.0, 10.0)
+    # Locked by its middle it would lean on its lower half.
+    locked = np.abs(bed.height_of(np.asarray(surface.vertices)) - 150.0) < 20.0
+    result = relax_overhang(surface, 45.0, locked=locked, planes=planes)
+    assert 0.0 < result.over_after < result.over_before
+    assert bed.height_of(np.asarray(result.surface.vertices)).min() >= -1e-9
+
+
+def test_what_is_below_the_bed_goes_no_lower():
+    surface = ball(20)
+    old = np.asarray(surface.vertices)
+    planes = layer_planes(Plane.horizontal(30.0), 300.0, 10.0)
+    locked = np.abs(old[:, 2] - 150.0) < 20.0
+    new = np.asarray(relax_overhang(surface, 45.0, locked=locked, planes=planes).surface.vertices)
+    assert (new[:, 2] >= np.minimum(old[:, 2], 30.0) - 1e-9).all()
+
+
+@pytest.mark.parametrize("top_locked", [False, True])
+def test_a_flat_top_stays_flat_where_both_sides_count(top_locked):
+    surface = hollow_vase()
+    old = np.asarray(surface.vertices)
+    top = old[:, 2] > 399.999
+    locked = lock_base(surface) | (top & (old[:, 0] > 0.0) if top_locked else False)
+    result = relax_overhang(surface, 30.0, locked=locked, side="both")
+    new = np.asarray(result.surface.vertices)
+    assert result.reached
+    assert np.ptp(new[top, 2]) < 1e-9
+    assert new[top, 2].max() == new[:, 2].max()
+    assert (abs(new[top, 2].max() - old[top, 2].max()) < 1e-9) == top_locked
+    loose = ~locked[surface.faces].all(axis=1)
+    found = surface_overhang(result.surface)
+    over = found.weights[loose & (found.values > np.tan(np.radians(30.0)) + 1e-8)].sum()
+    assert over == pytest.approx(result.over_after, abs=1e-6)
+
+
+def test_a_ledge_counts_with_both_sides_but_is_left_alone():
+    part = stepped_box()
+    below, both = (relax_overhang(part, 45.0, side=side) for side in ("below", "both"))
+    assert below.over_before == 0.0
+    assert below.reached
+    assert both.surface is part
+    assert not both.reached
+    assert both.over_before == both.over_after == pytest.approx(surface_overhang(part).above(1.0))
+    assert (below.worst_before_deg, both.worst_before_deg) == (0.0, pytest.approx(90.0))
+
+
+def test_where_no_face_counts_the_worst_angle_is_0():
+    surface = torus()
+    result = relax_overhang(surface, 45.0, locked=np.ones(len(surface.vertices), bool))
+    assert result.worst_before_deg == result.worst_after_deg == result.area == 0.0
 
 
 def test_nothing_over_the_limit_returns_the_surface_itself():
@@ -320,8 +425,8 @@ def test_turning_and_scaling_the_part_turns_and_scales_the_result():
     assert plain.remaining == pytest.approx(turned.remaining, abs=0.01)
 
 
-def test_rotary_layers_turn_the_build_direction():
-    # A tube bent by 60° and swollen in its middle.
+def bent_tube():
+    """A tube bent by 60° and swollen in its middle, open at both ends, and its planes."""
     angle, around = np.radians(np.linspace(0.0, 60.0, 49)), 48
     swell = 60.0 + 30.0 * np.sin(np.pi * angle / angle[-1]) ** 2
     turn = 2.0 * np.pi * np.arange(around) / around
@@ -330,12 +435,15 @@ def test_rotary_layers_turn_the_build_direction():
         [300.0 - ring * np.cos(angle)[:, None], np.outer(swell, np.sin(turn)), ring * np.sin(angle)[:, None]]
     )
     index = np.arange(49 * around).reshape(49, around)
-    tube = make_surface(points.reshape(-1, 3), quads(index[:-1], index[1:])[:, ::-1])
-    tube = tube if signed_volume(tube) > 0 else make_surface(tube.vertices, np.asarray(tube.faces)[:, ::-1])
     a = angle[-1]
     end = np.array([300.0 - 300.0 * np.cos(a), 0.0, 300.0 * np.sin(a)])
     top = Plane(end, np.array([np.cos(a), 0.0, -np.sin(a)]), np.array([0.0, 1.0, 0.0]))
-    planes = layer_planes(Plane.horizontal(), top, 10.0)
+    faces = quads(index[:-1], index[1:])
+    return make_surface(points.reshape(-1, 3), faces), layer_planes(Plane.horizontal(), top, 10.0)
+
+
+def test_rotary_layers_turn_the_build_direction():
+    tube, planes = bent_tube()
     locked = lock_rim(tube)
     result = relax_overhang(tube, 16.0, locked=locked, planes=planes)
     assert result.reached
@@ -345,6 +453,29 @@ def test_rotary_layers_turn_the_build_direction():
     assert over == pytest.approx(result.over_after, abs=1e-6 * result.area)
     # Judged by a vertical build direction the bend itself would be the overhang.
     assert surface_overhang(result.surface, side="below").share_above(np.tan(np.radians(16.0))) > 0.2
+
+
+def test_the_flat_top_of_rotary_layers_stays_in_its_plane():
+    tube, planes = bent_tube()
+    vertices = np.asarray(tube.vertices)
+    rims = np.arange(len(vertices)).reshape(49, 48)[[0, -1]]
+    middles = vertices[rims].mean(axis=1)
+    fans = [
+        np.column_stack([one, np.roll(one, -1), np.full(48, len(vertices) + k)])[:, :: 2 * k - 1]
+        for k, one in enumerate(rims)
+    ]
+    solid = make_surface(np.vstack([vertices, middles]), np.vstack([tube.faces, *fans]))
+    check_surface(solid)
+    result = relax_overhang(solid, 16.0, planes=planes, side="both")
+    assert result.reached
+    new = np.asarray(result.surface.vertices)
+    assert planes.base.height_of(new).min() >= -1e-9
+    assert np.abs(planes.nozzle[-1].height_of(new[[*rims[1], -1]])).max() < 1e-9
+    assert np.abs(new - solid.vertices)[rims[1]].max() > 1.0
+    found = surface_overhang(result.surface, planes)
+    assert found.above(np.tan(np.radians(16.0)) + 1e-8) == pytest.approx(
+        result.over_after, abs=1e-6 * result.area
+    )
 
 
 def test_parallel_planes_are_the_default():
@@ -382,8 +513,14 @@ def test_progress_ends_at_one():
         ({"limit_deg": 90.0}, "between 0° and 90°"),
         ({"limit_deg": float("nan")}, "between 0° and 90°"),
         ({"strength": 0.0}, "strength"),
-        ({"tolerance": -0.1}, "share of overhang"),
+        ({"tolerance": 0.0}, "share of overhang"),
+        ({"tolerance": 1.0}, "share of overhang"),
+        ({"side": "above"}, "'both' or 'below'"),
         ({"rounds": 0}, "one round"),
+        ({"rounds": 2.5}, "whole ones"),
+        ({"locked": []}, "no vertex is locked"),
+        ({"locked": np.zeros(len(torus().vertices), bool)}, "choose at least one"),
+        ({"planes": layer_planes(Plane.horizontal(-500.0), 1000.0, 10.0)}, "no vertex lies on the bed"),
         ({"walls": float("inf")}, "walls"),
         ({"locked": [100000]}, "index 100000"),
         ({"locked": [0.5]}, "flags"),
@@ -400,6 +537,8 @@ def test_bad_surfaces_are_refused():
         (make_surface(np.zeros((0, 3)), np.zeros((0, 3))), "no faces"),
         (make_surface([[0, 0, 0], [1, 0, 0], [0, np.nan, 0]], [[0, 1, 2]]), "finite"),
         (make_surface(np.eye(3).tolist() + [[0, 0, 0]], [[0, 1, 2], [0, 1, 3]]), "manifold"),
+        (make_surface(box().vertices, np.asarray(box().faces)[:, ::-1]), "inside out"),
+        (make_surface(np.vstack([box().vertices, [[0, 0, -9.0]]]), box().faces), "belong to no face"),
     ):
         with pytest.raises(SurfaceError, match=words):
             relax_overhang(surface, 45.0)

@@ -22,7 +22,7 @@ from twins import (
     reconstruct,
     slice_surface,
 )
-from twins.regions import joined_layers
+from twins.regions import linked_layers
 from twins.regions.cleaning import clean, loops_of
 from twins.regions.merge_regions import merge_regions
 from twins.regions.outlines import turned_round
@@ -201,7 +201,7 @@ def test_widths_and_seams_are_carried_and_links_aligned():
 
 def test_layers_without_holes_are_the_same_objects_and_an_executor_changes_nothing():
     toolpath = stack([ring(60.0)], [ring(60.0), hole(40.0)], [ring(9.0, (200.0, 0.0)), *PLATE])
-    assert pickle.loads(pickle.dumps(joined_layers._of_layer)) is joined_layers._of_layer
+    assert pickle.loads(pickle.dumps(linked_layers._of_layer)) is linked_layers._of_layer
     alone = simplify_regions(toolpath, W).toolpath
     assert alone.layers[0] is toolpath.layers[0]
     assert alone.layers[2].curves[0] is toolpath.layers[2].curves[0]
@@ -237,6 +237,9 @@ def test_joining_refuses_bad_input():
             join(stack(PLATE), W, "bridge")
         with pytest.raises(ToolpathError, match="reach"):
             join(stack(PLATE), W, reach=float("nan"))
+        for near in ((1, 2, 3), (1, float("nan")), "here"):
+            with pytest.raises(ToolpathError, match="place that links should be near"):
+                join(stack(PLATE), W, near=near)
     with pytest.raises(ToolpathError, match="order"):
         simplify_regions(stack(PLATE), W, order="random")
 
@@ -281,7 +284,7 @@ def test_repeated_points_go_and_widths_stay_with_their_points():
     assert [f.fault for f in result.found] == ["repeated points"]
 
 
-def test_small_loops_and_spikes_are_cut_off_and_what_is_ambiguous_is_removed():
+def test_small_loops_and_spikes_are_cut_off_and_what_is_ambiguous_is_kept():
     square = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 100.0], [0.0, 100.0]])
     knot = np.array([[50.0, 0.0], [52.0, 4.0], [48.0, 4.0], [50.5, -1e-9]])
     looped = Curve(np.vstack([square[:1], knot, square[1:]]), width=np.arange(8) + 5.0)
@@ -295,7 +298,7 @@ def test_small_loops_and_spikes_are_cut_off_and_what_is_ambiguous_is_removed():
     assert kept[0][0].signed_area == pytest.approx(1e4, rel=1e-3)
     assert kept[0][0].width.min() >= 5.0
     assert shapely.Polygon(kept[1][0].points).equals(shapely.Polygon(square))
-    assert kept[2] == ()
+    assert kept[2] == (eight,)
     assert not kept[3][0].closed
     assert kept[3][0].points[[0, -1]].tolist() == tail.points[[0, -1]].tolist()
     for (curve,) in (kept[0], kept[1], kept[3]):
@@ -303,12 +306,55 @@ def test_small_loops_and_spikes_are_cut_off_and_what_is_ambiguous_is_removed():
     assert [f.done for f in result.found if f.fault == "crosses itself"] == [
         "repaired",
         "repaired",
-        "removed",
+        "kept",
         "repaired",
     ]
-    assert "layer 2, curve 0 near (40.000, 40.000): it crosses itself and has 2 long loops" in str(
-        result.found[-2]
+    assert str(result.found[-2]).startswith(
+        "layer 2, curve 0 near (40.000, 40.000): it crosses or touches itself and has 2 long loops"
     )
+
+
+TWO_LOOPS = [
+    *([0, 0], [100, 0], [100, 100], [50, 100]),
+    *([50, -50], [200, -50], [200, -150], [150, -150], [150, 200]),
+]
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-9, 5e-3])
+def test_an_open_curve_that_ends_where_it_begins_is_closed(apart):
+    disc = ring(50.0, width=12.0)
+    drawn = Curve(
+        np.vstack([disc.points, disc.points[0] + [0.0, apart]]),
+        closed=False,
+        width=np.append(disc.width, 9.0),
+    )
+    result = clean(stack([drawn, ring(20.0, (200.0, 0.0))]))
+    curve = result.toolpath.layers[0].curves[0]
+    assert curve.closed
+    assert np.array_equal(curve.points, disc.points)
+    assert np.array_equal(curve.width, disc.width)
+    assert [(f.curve, f.fault, f.done) for f in result.found] == [(0, "not closed", "repaired")]
+    assert clean(result.toolpath).toolpath is result.toolpath
+    open_still = Curve(np.vstack([disc.points, disc.points[0] - [0.0, 0.5]]), closed=False)
+    assert clean(stack([open_still])).found == ()
+
+
+@pytest.mark.parametrize(
+    ("points", "words"),
+    [
+        ([[0, 0], [0, 200], [100, 200], [100, 100], [-50, 100]], "a long loop"),  # a P
+        ([[0, 0], [0, 200], [100, 200], [100, 100], [0, 100]], "a long loop"),  # that only touches itself
+        (TWO_LOOPS, "2 long loops"),
+        ([[0, 0], [100, 0], [0, 0]], "no part that is run once"),
+    ],
+)
+def test_open_curves_with_long_loops_are_kept_and_reported(points, words):
+    curve = Curve(np.array(points, float), closed=False)
+    result = clean(stack([curve]))
+    assert result.toolpath.layers[0].curves == (curve,)
+    (found,) = result.found
+    assert (found.fault, found.done) == ("crosses itself", "kept")
+    assert f"has {words}:" in found.detail
 
 
 @settings(max_examples=60, deadline=None)
@@ -331,8 +377,10 @@ def test_loops_share_out_the_whole_path(points, closed):
         # Simple, but for places where loops of no width were taken off.
         assert shapely.LinearRing(loop).is_simple or abs(swept(np.vstack([loop, loop[:1]]))) < 1e-6
     result = clean(stack([Curve(rows, closed)]), shortest=1.0)
+    kept = any(f.fault == "crosses itself" and f.done == "kept" for f in result.found)
     for curve in result.toolpath.layers[0].curves:
-        assert (shapely.LinearRing if closed else shapely.LineString)(curve.points).is_simple
+        assert kept or (shapely.LinearRing if curve.closed else shapely.LineString)(curve.points).is_simple
+        assert not kept or np.array_equal(curve.points, rows)
     again = clean(result.toolpath, shortest=1.0)
     assert again.toolpath is result.toolpath
 

@@ -304,9 +304,61 @@ def test_widths_are_carried_along_curves_that_have_them():
     taper = replace(a, width=np.array([10.0, 10.0, 20.0, 20.0]))
     cut = difference(stack([taper]), stack([box(-10, 25, 60, 60, 7.0)])).toolpath.layers[0].curves[0]
     assert cut.width[cut.points[:, 1] == 25.0] == pytest.approx(15.0)
-    plain = union(stack([a]), stack([box(30, 10, 80, 40)])).toolpath.layers[0].curves[0]
-    assert plain.width is None
+    assert union(stack([a]), stack([b])).remarks == ()
     assert made.points[0].tolist() == a.points[0].tolist()  # the seam stays
+
+
+def with_sine(curve):
+    return replace(curve, width=20.0 + 4.0 * np.sin(np.arange(len(curve.points))))
+
+
+@pytest.mark.parametrize("operation", OPERATIONS)
+@pytest.mark.parametrize("width", [None, 15.0])
+def test_widths_survive_where_curves_without_any_are_met(operation, width):
+    wall = with_sine(ring(200.0, points=90))
+    plate = ring(60.0, (200.0, 1.0))
+    own = {point.tobytes(): value for point, value in zip(wall.points, wall.width, strict=True)}
+    result = operation(stack([wall]), stack([plate]), width=width)
+    (made,) = result.toolpath.layers[0].curves
+    kept = np.array([point.tobytes() in own for point in made.points])
+    assert 5 < kept.sum() < len(kept)
+    assert (made.width[kept] == [own[point.tobytes()] for point in made.points[kept]]).all()
+    on_wall = shapely.distance(shapely.points(made.points), shapely.LinearRing(wall.points)) < 1e-6
+    assert 1 <= (on_wall & ~kept).sum() <= 2  # where the two cross
+    if width is None:
+        low, high = made.width[on_wall].min(), made.width[on_wall].max()
+        assert (made.width >= low).all()
+        assert (made.width <= high).all()
+        assert "without bead widths" in result.remarks[0]
+        # Linear along the curve: between the two crossings it changes at one rate.
+        start = int(np.flatnonzero(on_wall & ~np.roll(on_wall, -1))[0])
+        here = np.roll(np.arange(len(kept)), -start)
+        count = int(np.flatnonzero(on_wall[here][1:])[0]) + 2
+        way = np.hypot(*np.diff(made.points[here[:count]], axis=0).T)
+        rates = np.diff(made.width[here[:count]]) / way
+        assert rates == pytest.approx(np.full(len(rates), rates.mean()), abs=1e-9)
+    else:
+        assert (made.width[~on_wall] == width).all()
+        assert result.remarks == ()
+    bare = operation(stack([replace(wall, width=None)]), stack([plate]), width=width)
+    assert bare.toolpath.layers[0].curves[0].width is None
+    with pytest.raises(ToolpathError, match="bead width"):
+        operation(stack([wall]), stack([plate]), width=0.0)
+
+
+@pytest.mark.parametrize("side", ["region", "both", "left", "right"])
+def test_an_offset_takes_the_width_beside(side):
+    wall = with_sine(ring(200.0, points=90))
+    result = offset(stack([wall, ring(10.0, (500.0, 0.0))]), 5.0, side)
+    for curve in result.toolpath.layers[0].curves:
+        if curve.points[:, 0].max() > 400.0:
+            assert curve.width is None
+            continue
+        # Interpolated at the same angle: 5 mm beside a chord of 14 mm that is less than a degree off.
+        there = np.arctan2(*curve.points.T[::-1]) % (2 * np.pi) / (2 * np.pi) * 90
+        expected = np.interp(there, np.arange(91), np.append(wall.width, wall.width[0]))
+        assert curve.width == pytest.approx(expected, abs=0.15)
+    assert result.remarks == ()
 
 
 def test_open_curves_are_cut_but_enclose_nothing():
@@ -320,6 +372,11 @@ def test_open_curves_are_cut_but_enclose_nothing():
         assert part.points.tolist() == [[0, 25], [50, 25]]
         assert not part.closed
     assert len(union(a, b).toolpath.layers[0].curves) == 2
+    # One that both have comes once, whichever way it runs.
+    both, again = stack([rib, b.layers[0].curves[0]]), stack([turned_round(rib), b.layers[0].curves[0]])
+    for other in (both, again):
+        assert len(intersection(both, other).toolpath.layers[0].curves) == 2
+        assert union(both, other).toolpath is both
 
 
 def test_an_executor_changes_nothing():
@@ -414,6 +471,13 @@ def test_offsets_of_lines():
     made = offset(stack([line, box(0, 20, 50, 70)]), 5.0, "region").toolpath.layers[0].curves
     assert made[0] is line
     assert len(made) == 2
+    # Open curves keep their places, and a layer of nothing else is left alone.
+    far = Curve(line.points + 300.0, closed=False)
+    made = offset(stack([line, box(0, 20, 50, 70), far, ring(9.0, (-90.0, 0.0))]), 5.0).toolpath.layers[0]
+    assert [curve.closed for curve in made.curves] == [False, True, True, False]
+    alone = offset(stack([line]), 5.0)
+    assert alone.toolpath.layers[0].curves == (line,)
+    assert alone.remarks == ()
     tube = offset(stack([ring(50.0)]), 10.0, "both").toolpath.layers[0].curves
     assert sum(c.signed_area for c in tube) == pytest.approx(np.pi * (60**2 - 40**2), rel=5e-3)
     assert offset(stack([ring(5.0)], []), 10.0, "left").layers[0].lost == (0,)

@@ -90,7 +90,7 @@ def test_protected_segments_stay_and_the_rest_is_divided():
     zone = shapely.box(0, -200, 200, 200)
     zones = Zones(polygons=[zone])
     flags = zones.protected(flat(old))[0][0]
-    new = only(resample(flat(old), 1.0, protected=zones)).points
+    new = only(resample(flat(old), 1.0, locked=zones)).points
     assert {tuple(p) for p in old.points[flags]} <= {tuple(p) for p in new}
     assert {tuple(p) for p in old.points[flags]} >= {tuple(p) for p in new if p[0] >= 0}
     assert len(new) > 100
@@ -108,7 +108,10 @@ def test_walls_that_coarse_chords_would_cross_are_divided_finer():
 def test_layers_side_by_side_give_the_same():
     toolpath = flat(Curve(star(1)), Curve(star(2) + 300.0), count=4)
     with ThreadPoolExecutor(2) as pool:
-        together = resample(toolpath, 4.0, executor=pool)
+        shares = []
+        together = resample(toolpath, 4.0, progress=shares.append, executor=pool)
+        assert shares == sorted(shares)
+        assert shares[-1] == 1.0
     for (*_, a), (*_, b) in zip(resample(toolpath, 4.0).curves(), together.curves(), strict=True):
         assert np.array_equal(a.points, b.points)
 
@@ -183,3 +186,56 @@ def test_zones_that_cannot_be():
         Zones(layers=[5]).protected(flat(Curve(star(1))))
     with pytest.raises(ToolpathError, match="curve 2 of layer 0"):
         Zones(curves=[(0, 2)]).protected(flat(Curve(star(1))))
+
+
+@pytest.mark.parametrize(
+    ("zones", "message"),
+    [
+        ({"polygons": [[[0, 0], [1, 0], [0, 1]], [[0, 0], [1]]]}, "protected polygon 1 .*same length"),
+        ({"polygons": ["left"]}, "protected polygon 0 .*numbers"),
+        ({"polygons": [[[0, 0], [1, "a"], [0, 1]]]}, "protected polygon 0 .*numbers"),
+        ({"polygons": [[0, 0], [1, 0], [0, 1]]}, "protected polygon 0 .*give a list of polygons"),
+        ({"polygons": [shapely.Point(0, 0)]}, "protected polygon 0 must be a Polygon"),
+        ({"polygons": 5}, "polygons must be a list"),
+        ({"layers": 5}, "layers must be a list"),
+        ({"layers": [0.5]}, "layers must be a list"),
+        ({"curves": [3]}, "pairs"),
+    ],
+)
+def test_zones_that_are_no_zones_are_refused_in_words(zones, message):
+    with pytest.raises(ToolpathError, match=message):
+        Zones(**zones)
+
+
+def test_a_single_zone_needs_no_list():
+    box, ball = shapely.box(0, 0, 5, 5), trimesh.creation.icosphere(radius=20.0)
+    for one, listed in (
+        (Zones(polygons=box), Zones(polygons=[box])),
+        (Zones(solids=ball), Zones(solids=[ball])),
+    ):
+        (a,), (b,) = one.regions(flat()), listed.regions(flat())
+        assert a.area > 0
+        assert a.equals(b)
+
+
+def test_zones_that_hold_nothing_are_named():
+    toolpath = flat(Curve(star(1)), count=2)
+    inside, beside = shapely.box(-500, -500, 500, 500), shapely.box(800, 0, 900, 90)
+    big, above = (trimesh.creation.box((900, 900, 100)) for _ in range(2))
+    above.apply_translation([0, 0, 500])
+    zones = Zones(
+        polygons=[inside, beside], solids=[big, above, trimesh.creation.box((1, 1, 99))], layers=[1]
+    )
+    idle = zones.idle(toolpath)
+    assert [text.split(" touches")[0] for text in idle] == [
+        "protected polygon 1",
+        "protected solid 1",
+        "protected solid 2",
+    ]
+    assert "(800, 0) to (900, 90)" in idle[0]
+    assert "(-450, -450, 450) to (450, 450, 550)" in idle[1]
+    assert Zones().idle(toolpath) == Zones(polygons=inside, layers=[0]).idle(toolpath) == []
+    assert Zones(layers=[0], polygons=inside).idle(flat()) == [
+        Zones(polygons=inside).idle(flat())[0],
+        "locked layer 0 has no curves",
+    ]

@@ -243,7 +243,7 @@ def test_what_lies_in_a_zone_is_the_same_to_the_bit(seed, side):
     zones = Zones(polygons=[zone])
     (flags,) = zones.protected(flat(curve))[0]
     assert 4 < flags.sum() < len(points)
-    smoothed = only(smooth(flat(curve), side, 1 / BEAD, protected=zones).toolpath)
+    smoothed = only(smooth(flat(curve), side, 1 / BEAD, locked=zones).toolpath)
     kept = {(*p, w) for p, w in zip(smoothed.points, smoothed.width, strict=True)}
     assert kept >= {(*p, w) for p, w in zip(points[flags], curve.width[flags], strict=True)}
     inside = [shapely.intersection(zone, shapely.LinearRing(p)) for p in (points, smoothed.points)]
@@ -256,7 +256,7 @@ def test_what_lies_in_a_zone_is_the_same_to_the_bit(seed, side):
 def test_locked_layers_and_curves_are_the_same_objects():
     one, two = Curve(jagged(0)), Curve(jagged(1) + [700.0, 0.0])
     toolpath = replace(flat(one), layers=(layer_of(one, two), layer_of(one, two, height=20.0)))
-    after = smooth(toolpath, 0, 1 / BEAD, protected=Zones(layers=[0], curves=[(1, 1)])).toolpath
+    after = smooth(toolpath, 0, 1 / BEAD, locked=Zones(layers=[0], curves=[(1, 1)])).toolpath
     assert after.layers[0] is toolpath.layers[0]
     assert after.layers[1].curves[1] is two
     assert after.layers[1].curves[0] is not one
@@ -380,9 +380,21 @@ def test_layers_side_by_side_give_the_same():
         ({"min_segment": -1.0}, "length of segments"),
         ({"window": 0.0}, "window"),
         ({"fillet": "round"}, "rolled"),
-        ({"protected": Zones(layers=[3])}, "layer 3"),
+        ({"locked": Zones(layers=[3])}, "layer 3"),
     ],
 )
 def test_arguments_out_of_range(changes, message):
     with pytest.raises(ToolpathError, match=message):
         smooth(flat(Curve(ring(50, 60))), **({"side": 1, "max_curvature": 0.05} | changes))
+
+
+def test_what_is_protected_and_sharp_keeps_nothing_else_from_being_rounded():
+    # A square with a needle in a zone: its other corners are rounded all the same.
+    corners = [[-100, -100], [100, -100], [100, 100], [2, 100], [0, 20], [-2, 100], [-100, 100]]
+    square = Curve(divided(np.array(corners, dtype=float), 2.0))
+    zone = Zones(polygons=[shapely.box(-60.0, 0.0, 60.0, 120.0)])
+    result = smooth(flat(square), 1, 1.0 / 15.0, window=BEAD, locked=zone)
+    smoothed = only(result.toolpath).points
+    free = np.abs(smoothed[:, 0]) > 62.0
+    assert curvature(smoothed)[free].max() <= 1.0 / 15.0 * (1 + 1e-9)
+    assert not result.layers[0].left_alone

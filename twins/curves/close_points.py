@@ -34,7 +34,7 @@ CLOSE: Final = 0.95
 """Share of the minimal distance below which spacing counts as overfill."""
 
 SAMPLES: Final = 4
-"""Segments to a minimal distance, at least: finer sampling changes nothing, coarser misses places."""
+"""Segments to a minimal distance, at least: coarser sampling misses places."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,12 @@ small share and many steps give smooth curves. The paper's step is kept (`equati
   0.8 % short of d_min where points of one face the middles of segments of d_min / 4 of the other, and further from
   it the coarser they are sampled; with segments they end at d_min.
 - Points that nothing pushes follow their neighbours: how far they have gone is brought nearer to how far those have.
-  Gaps between pushed stretches close without kinks, and what was pushed too far comes back. Points that move also
-  slide along their curve towards equal segments, so that they do not bunch. What lies further away stays as it is.
+  Gaps between pushed stretches close without kinks, and what was pushed too far comes back (`fairing.py`). Points
+  that move also slide along their curve towards equal segments, so that they do not bunch. What lies further away
+  stays as it is.
+- Segments are about d_min / 4 long: pushed point by point, curves of shorter ones fold where a pushed stretch ends, as
+  in the tip of a notch. Finer curves move as ones of that sampling do, and the points in between are carried along
+  (`thinning.py`); where that leaves runs too close, a quarter as many steps follow that move all points.
 - A step is held back where it could make curves cross or come all too near, to one another or to themselves: as seen
   from a segment no point goes further than half its distance. Curves that are simple stay so, whatever the step.
 """
@@ -20,10 +24,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
@@ -31,6 +37,7 @@ from twins.toolpath import Curve, Layer, Toolpath
 from .close_points import ALONG, SAMPLES, Runs, Spacing, check_distance, near_segments, places, spacing_of
 from .dividing import Locks, divided_layers
 from .pushing import pushed_apart, pushes
+from .thinning import carried_over, thinned
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -126,10 +133,11 @@ def relieve_overfill(
         locked: zones, or points that do not move; with them the segments that they end stay as they are, bit for
             bit.
         strength: s_2 of equation 4, above 0 and at most 1.
-        steps: n_overfill, at most.
+        steps: n_overfill, at most; and a quarter more where finer curves are still too close after those (see above).
         fairing: share of the difference to their neighbours' displacement by which points that nothing pushes follow
-            these in the first step, from 0 to 1; it fades out.
-        max_displacement: how far a point may go from where it was, mm; default d_min.
+            these in the first step at segments of d_min / 4, from 0 to 1; it fades out.
+        max_displacement: how far a point may go from where it was, mm; default d_min. Near a point that stays it is
+            no farther than it is from that along the curve.
         progress: is told the share of layers done.
         executor: works on layers side by side; threads do, as the kernels release the interpreter's lock.
 
@@ -245,11 +253,31 @@ def _relieve_layer(
     area = sum(curve.signed_area for curve in curves)
     if not before.least < d:
         return [None] * len(curves), LayerRelief(before, before, 0.0, area, area, 0, 0)
-    moved, taken, held = pushed_apart(
-        runs.points, runs.previous, runs.following, runs.curve, runs.starts, runs.closed, ~np.concatenate(stay),
-        d, ALONG * d, strength, steps, fairing, leash,
-    )  # fmt: skip
-    after = spacing_of(replace(runs, points=moved), d)
+    free = ~np.concatenate(stay)
+
+    def pushed(some: Runs, begun: Array, free: Flags, steps: int) -> tuple[Array, int, int]:
+        return pushed_apart(
+            begun, some.points, some.previous, some.following, some.curve, some.starts, some.closed, free,
+            d, ALONG * d, strength, steps, fairing, _leashes(some, free, leash),
+        )  # fmt: skip
+
+    picked = [thinned(curve, d / SAMPLES, flags) for curve, flags in zip(curves, stay, strict=True)]
+    every = np.concatenate([first + found for first, found in zip(runs.starts[:-1], picked, strict=True)])
+    moved, after, taken, held = runs.points, before, 0, 0
+    if len(every) < len(runs.points):
+        few = Runs.of([Curve(c.points[found], c.closed) for c, found in zip(curves, picked, strict=True)])
+        there, taken, held = pushed(few, few.points, free[every], steps)
+        gone = np.split(there - few.points, few.starts[1:-1])
+        ways = [carried_over(*each) for each in zip(curves, picked, gone, strict=True)]
+        moved = runs.points + np.concatenate(ways)
+        if not _is_simple(runs, moved) and _is_simple(runs, runs.points):
+            moved, taken = runs.points, 0
+        after = spacing_of(replace(runs, points=moved), d)
+    if not taken or after.close:
+        left = steps // 4 if taken else steps
+        moved, more, held = pushed(runs, moved, free, left)
+        after = spacing_of(replace(runs, points=moved), d)
+        taken += more
     displacement = float(np.linalg.norm(moved - runs.points, axis=1).max())
     pieces = [moved[a:b] for a, b in zip(runs.starts[:-1], runs.starts[1:], strict=True)]
     points = [
@@ -260,3 +288,29 @@ def _relieve_layer(
         for new, old in zip(points, curves, strict=True)
     )
     return points, LayerRelief(before, after, displacement, area, final, taken, held)
+
+
+def _leashes(runs: Runs, free: Flags, longest: float) -> Array:
+    """How far each point may go, shape (n,), mm: no farther than it is, along its curve, from a point that stays.
+
+    A curve that steps aside at once beside a lock would turn there by a right angle and more.
+    """
+    leashes = np.full(len(free), longest)
+    place, total = places(runs.points, runs.following, runs.starts)
+    for j, (a, b) in enumerate(pairwise(runs.starts.tolist())):
+        locks = place[a:b][~free[a:b]]
+        if len(locks):
+            if runs.closed[j]:
+                locks = np.concatenate([[locks[-1] - total[j]], locks, [locks[0] + total[j]]])
+            after = np.searchsorted(locks, place[a:b])
+            ahead = np.append(locks, np.inf)[after] - place[a:b]
+            behind = place[a:b] - np.append(-np.inf, locks)[after]
+            leashes[a:b] = np.minimum(longest, np.minimum(ahead, behind))
+    return leashes
+
+
+def _is_simple(runs: Runs, points: Array) -> bool:
+    """Whether curves cross neither themselves nor one another with their points there."""
+    pieces = zip(np.split(points, runs.starts[1:-1]), runs.closed, strict=True)
+    lines = [np.vstack([piece, piece[:1]]) if closed else piece for piece, closed in pieces]
+    return bool(shapely.MultiLineString(lines).is_simple)

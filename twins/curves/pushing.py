@@ -8,7 +8,8 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-from .close_points import admissible, closest_share, near_segments, places
+from .close_points import SAMPLES, admissible, closest_share, near_segments, places
+from .fairing import fair
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -27,7 +28,8 @@ _TRIES: Final = 20  # rounds of shortening before points stay
 
 @nb.njit(cache=True, nogil=True)
 def pushed_apart(
-    points: Array,
+    begun: Array,
+    origin: Array,
     previous: Indices,
     following: Indices,
     curve: Indices,
@@ -39,14 +41,14 @@ def pushed_apart(
     strength: float,
     steps: int,
     fairing: float,
-    leash: float,
+    leash: Array,
 ) -> tuple[Array, int, int]:
-    """Points after at most `steps` steps; how many were taken; how many points the last one held back."""
-    n = len(points)
-    origin, points, listed = points, np.empty_like(points), np.empty_like(points)
-    for i in range(n):
-        for axis in range(2):
-            points[i, axis] = listed[i, axis] = origin[i, axis]
+    """Points after at most `steps` steps; how many were taken; how many points the last one held back.
+
+    They begin where they are in `begun`; how far they have gone is measured from `origin`.
+    """
+    n = len(begun)
+    points, listed = begun.copy(), begun.copy()
     skin = _SKIN * d
     start, found = near_segments(points, following, d + skin)
     taken, held = 0, 0
@@ -64,7 +66,7 @@ def pushed_apart(
         )
         # Less and less of it, so that the last steps only part what is still too close.
         share = fairing * max(0.0, 1.0 - 1.5 * taken / steps)
-        _fair(step, points, origin, previous, following, free, share)
+        fair(step, points, origin, previous, following, starts, free, share, d / SAMPLES)
         if not _settled(step, points, origin, previous, following, free, d, leash):
             break
         held = _hold_back(step, points, following, start, found, away, d)
@@ -126,29 +128,6 @@ def pushes(
 
 
 @nb.njit(cache=True, nogil=True)
-def _fair(
-    step: Array,
-    points: Array,
-    origin: Array,
-    previous: Indices,
-    following: Indices,
-    free: Flags,
-    share: float,
-) -> None:
-    """Where nothing pushes a point, bring how far it has gone nearer to how far its neighbours have; 0 if not free."""
-    for i in range(len(step)):
-        p, f = previous[i], following[i]
-        pushed = step[i, 0] != 0.0 or step[i, 1] != 0.0
-        for axis in range(2):
-            if not free[i]:
-                step[i, axis] = 0.0
-            elif not pushed:
-                gone = points[i, axis] - origin[i, axis]
-                beside = 0.5 * (points[p, axis] - origin[p, axis] + points[f, axis] - origin[f, axis])
-                step[i, axis] = share * (beside - gone)
-
-
-@nb.njit(cache=True, nogil=True)
 def _settled(
     step: Array,
     points: Array,
@@ -157,7 +136,7 @@ def _settled(
     following: Indices,
     free: Flags,
     d: float,
-    leash: float,
+    leash: Array,
 ) -> bool:
     """Displacements that slide points towards equal segments as well and keep them on the leash; False: all are 0."""
     moves = False
@@ -177,9 +156,9 @@ def _settled(
             step[i, 1] += along * ty
         x, y = points[i, 0] + step[i, 0] - origin[i, 0], points[i, 1] + step[i, 1] - origin[i, 1]
         gone = np.sqrt(x * x + y * y)
-        if gone > leash:
-            step[i, 0] = origin[i, 0] + leash / gone * x - points[i, 0]
-            step[i, 1] = origin[i, 1] + leash / gone * y - points[i, 1]
+        if gone > leash[i]:
+            step[i, 0] = origin[i, 0] + leash[i] / gone * x - points[i, 0]
+            step[i, 1] = origin[i, 1] + leash[i] / gone * y - points[i, 1]
         # Pairs that are not listed are further apart than d: with steps of less than half of that they cannot meet.
         way = np.sqrt(step[i, 0] ** 2 + step[i, 1] ** 2)
         if way > _LONGEST * d:

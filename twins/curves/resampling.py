@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
 from itertools import pairwise
@@ -29,7 +30,9 @@ def resample(
     toolpath: Toolpath,
     length: float,
     corner_deg: float | None = None,
-    protected: Zones | None = None,
+    locked: Zones | None = None,
+    *,
+    progress: Callable[[float], None] | None = None,
     executor: Executor | None = None,
 ) -> Toolpath:
     """Divide each curve into equal parts of at most `length`, measured along the curve.
@@ -38,13 +41,14 @@ def resample(
     do not cut off corners. Widths are carried along, linear between the old points.
 
     Args:
-        toolpath: open or closed curves. A closed curve keeps its first point (or begins at the
-    first of those that stay), an open one its ends.
+        toolpath: open or closed curves. A closed curve keeps its first point (or begins at the first of those that
+            stay), an open one its ends.
         length: of a part, mm. A curve gets the fewest parts that are not longer, but at least 6 (open: 1). Where
             curves of a layer would cross that did not, that layer gets parts of a half, a quarter, ... of it.
         corner_deg: points where the curve turns by more than this stay, and what is between them is divided into
             equal parts each; None: no corners.
-        protected: points that stay, with the segments between them.
+        locked: zones whose points stay, with the segments between them.
+        progress: is told the share of layers done.
         executor: works on layers side by side.
 
     Returns:
@@ -63,13 +67,15 @@ def resample(
                 f"layer {i}, curve {j}: segments of {length:.6g} mm would put more than {_MOST_POINTS} points on "
                 f"its {curve.length:.6g} mm; choose longer ones"
             )
-    flags = protected.protected(toolpath) if protected is not None else [None] * len(toolpath.layers)
+    flags = locked.protected(toolpath) if locked is not None else [None] * len(toolpath.layers)
     turn = None if corner_deg is None else math.radians(corner_deg)
     calls = ([*toolpath.layers], [length] * len(flags), [turn] * len(flags), flags)
-    layers = tuple((executor.map if executor is not None else map)(_resampled_layer, *calls))
+    layers = (executor.map if executor is not None else map)(_resampled_layer, *calls)
     new = []
     for old, made in zip(toolpath.layers, layers, strict=True):
         new.append(old if all(c is None for c in made) else replace(old, curves=_as_before(old.curves, made)))
+        if progress is not None:
+            progress(len(new) / len(toolpath.layers))
     return replace(toolpath, layers=tuple(new))
 
 

@@ -108,7 +108,7 @@ def smooth(
     min_segment: float | None = None,
     fillet: Literal["rolled", "flipped"] = "rolled",
     window: float | None = None,
-    protected: Zones | None = None,
+    locked: Zones | None = None,
     progress: Callable[[float], None] | None = None,
     executor: Executor | None = None,
 ) -> Smoothed:
@@ -128,7 +128,7 @@ def smooth(
         fillet: how a point is rounded that the locked side holds: "flipped" as in Algorithm 1 of the paper, meant
             for few steps (it lets fingers grow in many), or "rolled" around a disc (see `smoothing_loop.py`).
         window: length that turning is summed over in the figures, mm; default 1 / `max_curvature`.
-        protected: zones, layers and curves that stay to the bit; curves do not move into zones either.
+        locked: zones, layers and curves that stay to the bit; curves do not move into zones either.
         progress: called with the share done.
         executor: works on layers side by side.
 
@@ -163,8 +163,8 @@ def smooth(
         fillet == "rolled",
     )
     count = len(toolpath.layers)
-    flags = protected.protected(toolpath) if protected is not None else [None] * count
-    regions = protected.regions(toolpath) if protected is not None else [None] * count
+    flags = locked.protected(toolpath) if locked is not None else [None] * count
+    regions = locked.regions(toolpath) if locked is not None else [None] * count
     each = (executor.map if executor is not None else map)(
         _smoothed_layer, toolpath.layers, flags, regions, [settings] * count
     )
@@ -188,6 +188,12 @@ def _smoothed_layer(
     limits = np.full(len(curves), settings.max_curvature)
     tries = np.zeros(len(curves), np.int64)
     before = [largest_turning(curve, settings.window) for curve in curves]
+    kept = flags or (None,) * len(curves)
+    # Protected points may be as sharp as they are; what matters is whether the others get any sharper.
+    sharpest = [
+        largest_turning(curve, settings.window, _unprotected(curve, curve, keep))
+        for curve, keep in zip(curves, kept, strict=True)
+    ]
     made: tuple[Curve | None, ...] = (None,) * len(curves)
     steps = held = 0
     while curves:
@@ -197,8 +203,8 @@ def _smoothed_layer(
             for j, new in enumerate(made)
             if new is not None
             and (
-                largest_turning(new, settings.window)
-                > max(before[j], _turning_at(limits[j], new, settings)) + 1e-9
+                largest_turning(new, settings.window, _unprotected(curves[j], new, kept[j]))
+                > max(sharpest[j], _turning_at(limits[j], new, settings)) + 1e-9
                 or (new.closed and len(new.points) <= FEWEST < len(curves[j].points))
             )
         ]
@@ -216,7 +222,6 @@ def _smoothed_layer(
                 fixed[j] = np.ones(len(curves[j].points), np.bool_)
     after = [old if new is None else new for old, new in zip(curves, made, strict=True)]
     alone = tries > len(_EASED)
-    kept = flags or (None,) * len(curves)
     sharp = [_remaining(*each) for each in zip(curves, after, kept, limits, strict=True)]
     wanted = [settings.max_curvature] * len(curves)
     return made, SmoothedLayer(
@@ -248,11 +253,17 @@ def _sharpest(curves: Sequence[Curve]) -> float:
 
 def _remaining(old: Curve, new: Curve, protected: Flags | None, limit: float) -> int:
     """Points above a curvature, without the protected ones."""
-    sharp = curvature(new.points, new.closed) > limit * (1.0 + 1e-9)
-    if protected is not None and protected.any():
-        kept = {tuple(point) for point in old.points[protected]}
-        sharp &= [tuple(point) not in kept for point in new.points]
-    return int(sharp.sum())
+    return int(
+        (_unprotected(old, new, protected) & (curvature(new.points, new.closed) > limit * (1.0 + 1e-9))).sum()
+    )
+
+
+def _unprotected(old: Curve, new: Curve, protected: Flags | None) -> Flags:
+    """Points of the new curve that are no protected point of the old one."""
+    if protected is None or not protected.any():
+        return np.ones(len(new.points), np.bool_)
+    kept = {tuple(point) for point in old.points[protected]}
+    return np.array([tuple(point) not in kept for point in new.points], dtype=np.bool_)
 
 
 def _distance(old: Curve, new: Curve) -> float:

@@ -15,6 +15,7 @@ from twins.errors import ToolpathError
 from twins.toolpath import Curve
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 
 def turning_angles(points: Array, closed: bool = True) -> Array:
@@ -60,7 +61,7 @@ def curvature(
     return np.asarray(result, dtype=np.float64)
 
 
-def largest_turning(curve: Curve, window: float) -> float:
+def largest_turning(curve: Curve, window: float, counted: Flags | None = None) -> float:
     """The greatest sum of absolute turning angles within any piece of length `window` of a curve, rad.
 
     A curve that bends with radius R turns by window / R; a corner counts whole. Both ends of a piece belong to it. A
@@ -69,6 +70,7 @@ def largest_turning(curve: Curve, window: float) -> float:
     Args:
         curve: open or closed.
         window: length along the curve, mm; for a bead its width, or the least distance d_min of beads.
+        counted: points whose turning counts, shape (n,); default all.
 
     Raises:
         ToolpathError: the window is not above 0.
@@ -76,6 +78,8 @@ def largest_turning(curve: Curve, window: float) -> float:
     if not window > 0 or not np.isfinite(window):
         raise ToolpathError(f"the window that turning is summed over must be above 0 mm, not {window}")
     angles = np.abs(turning_angles(curve.points, curve.closed))
+    if counted is not None:
+        angles = np.where(counted, angles, 0.0)
     lengths = np.linalg.norm(np.roll(curve.points, -1, axis=0) - curve.points, axis=1)
     count = len(angles)
     if curve.closed:

@@ -69,7 +69,11 @@ class Measured:
         return float(self.weights[self.values > _number(limit)].sum())
 
     def share_above(self, limit: float) -> float:
-        """Share of the length or area with a value above the limit, 0 to 1."""
+        """Share of the length or area with a value above the limit, 0 to 1; 0 where there is none.
+
+        Raises:
+            ToolpathError: the limit is not a number.
+        """
         return self.above(limit) / self.total if self.total > 0.0 else 0.0
 
 
@@ -82,19 +86,22 @@ class OverhangDistribution:
         overhang: d / t, ascending, shape (n,).
         shares: of a scheme's length or area with at most that overhang, shape (schemes, n), 0 to 1.
         totals: length in mm, or area in mm², of each scheme, shape (schemes,).
+        schemes: what was measured, in the same order.
     """
 
     names: tuple[str, ...]
     overhang: Array
     shares: Array
     totals: Array
+    schemes: tuple[Measured, ...]
 
     def share_above(self, limit: float) -> dict[str, float]:
-        """Share of each scheme above a limit; between the overhangs of the table it is interpolated."""
-        return {
-            name: 1.0 - float(np.interp(_number(limit), self.overhang, shares))
-            for name, shares in zip(self.names, self.shares, strict=True)
-        }
+        """Share of each scheme above any limit, whether or not the table has it.
+
+        Raises:
+            ToolpathError: the limit is not a number.
+        """
+        return {n: scheme.share_above(limit) for n, scheme in zip(self.names, self.schemes, strict=True)}
 
 
 def overhang_distribution(
@@ -129,7 +136,7 @@ def overhang_distribution(
         if below[-1] > 0.0:
             row[:] = below[np.searchsorted(scheme.values[order], at, side="right")] / below[-1]
     totals = np.array([float(s.weights.sum()) for s in schemes.values()])
-    return OverhangDistribution(tuple(schemes), at, shares, totals)
+    return OverhangDistribution(tuple(schemes), at, shares, totals, tuple(schemes.values()))
 
 
 def _number(limit: float) -> float:

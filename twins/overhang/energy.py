@@ -104,15 +104,15 @@ def normal_energy(
     weight: Array,
     up: Array,
     aim: Array,
-    downward_only: bool,
+    both: bool,
     G: Array,
     angle: Array,
     area: Array,
 ) -> float:
     """E_N for weights λ a_f (m,), build directions (m, 3) and aims (m,), rad; its gradient is added to G (n, 3).
 
-    `angle` (m,) receives each face's angle of overhang, rad: positive where it faces down, or its amount where
-    both count. `area` (m,) receives the faces' areas, mm².
+    `angle` (m,) receives each face's angle of overhang, rad: positive where it faces down, or its amount with
+    `both` sides counted. `area` (m,) receives the faces' areas, mm².
     """
     E = 0.0
     for f in range(len(F)):
@@ -128,7 +128,7 @@ def normal_energy(
         n0, n1, n2 = n0 / doubled, n1 / doubled, n2 / doubled
         rise = n0 * up[f, 0] + n1 * up[f, 1] + n2 * up[f, 2]
         side = -1.0
-        if rise > 0.0 and not downward_only:
+        if rise > 0.0 and both:
             side = 1.0
         across = np.sqrt(max(0.0, 1.0 - rise * rise))
         angle[f] = np.arctan2(side * rise, across)

@@ -6,6 +6,7 @@ old normal: a fold at the scale of a face, whatever the part as a whole does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numba as nb
@@ -63,11 +64,17 @@ def _against(V: Array, F: Faces, D: Array, R: Array) -> Flags:
     return flags
 
 
-def turned_back(before: Array, after: Array, faces: Faces, free: Flags) -> tuple[Array, int]:
+def turned_back(
+    before: Array,
+    after: Array,
+    faces: Faces,
+    free: Flags,
+    permitted: Callable[[Array], Array] = lambda vertices: vertices,
+) -> tuple[Array, int]:
     """Vertices after, with the displacements around inverted faces averaged until none is inverted.
 
     A smooth displacement inverts nothing, so each round averages over one more ring of vertices. Vertices that are
-    not free stay. Also how many faces are inverted still.
+    not free stay, and all go to the nearest place `permitted`. Also how many faces are inverted still.
     """
     folds = _Folds(before, faces)
     inverted = folds.inverted(after)
@@ -88,7 +95,7 @@ def turned_back(before: Array, after: Array, faces: Faces, free: Flags) -> tuple
         displacement = moved - before
         for _ in range(_SWEEPS * (k + 1)):
             displacement[soft] = (around @ displacement) / degree[soft, None]
-        moved = before + displacement
+        moved = permitted(before + displacement)
         inverted = folds.inverted(moved)
         if not inverted.any():
             break

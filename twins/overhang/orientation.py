@@ -29,13 +29,13 @@ from twins.errors import SurfaceError
 from twins.surface import make_surface
 from twins.toolpath import read_only
 
-from .surfaces import ON_BED, FacingSide, face_normals
+from .surfaces import ON_BED, ON_TOP, FacingSide, check_side, face_normals
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-STANDS: Final = float(np.radians(5.0))
-"""Tilt that a part must bear to stand on the bed, rad."""
+STANDS_DEG: Final = 5.0
+"""Tilt that a part must bear to stand on the bed, degrees."""
 
 SPREAD: Final = 200
 """Directions that are spread over the sphere: neighbours are about 14° apart."""
@@ -63,24 +63,25 @@ class Orientation:
         rotation: turns the part so that it does, by the least angle, shape (3, 3).
         area_over: with an overhang above the limit, mm².
         share_over: the same as a share of all area.
-        excess: angle by which overhang exceeds the limit's, the mean over all area, rad.
-        worst: overhang d / t that 99 % of the area do not exceed, to 0.05°.
+        excess_deg: angle by which overhang exceeds the limit, the mean over all area, degrees.
+        worst_deg: angle of overhang that 99 % of the area do not exceed, to 0.05°; 90 of level faces.
         height: of the part, mm.
         print_length: of the toolpath, mm.
         base_area: of the first layer, mm².
-        tilt: by which the part can be tilted before it topples off its base, rad; negative if it does not stand.
+        tilt_deg: by which the part can be tilted before it topples off its base, degrees; negative if it does not
+            stand.
     """
 
     direction: Array
     rotation: Array
     area_over: float
     share_over: float
-    excess: float
-    worst: float
+    excess_deg: float
+    worst_deg: float
     height: float
     print_length: float
     base_area: float
-    tilt: float
+    tilt_deg: float
 
     def applied_to(self, surface: trimesh.Trimesh) -> trimesh.Trimesh:
         """The surface turned this way up, standing on z = 0 with the middle of its bounds over the origin."""
@@ -121,7 +122,7 @@ class _Faces:
 
 def best_orientation(
     surface: trimesh.Trimesh,
-    limit: float = 1.0,
+    limit_deg: float = 45.0,
     thickness: float = 10.0,
     candidates: npt.ArrayLike | None = None,
     side: FacingSide = "below",
@@ -132,29 +133,29 @@ def best_orientation(
 
     They are ranked by, in this order and in steps, so that what hardly differs does not decide: whether the part
     stands, that is bears a tilt of 5°; mean excess of overhang over the limit (0.5°); share of the area above the
-    limit (1 %); worst overhang beyond the limit (0.1); length of the toolpath (2 % of the least); area of the base, the
+    limit (1 %); worst overhang beyond the limit (3°); length of the toolpath (2 % of the least); area of the base, the
     larger the better (2 % of the largest); height.
 
     Args:
         surface: closed and oriented outwards, mm.
-        limit: overhang d / t that the material takes.
+        limit_deg: angle of overhang that the material takes, between 0 and 90; its tangent is the limit of d / t.
         thickness: of layers, mm.
         candidates: build directions, shape (n, 3); default those of `candidate_directions`. The present one, z, is
             always among them.
-        side: "below" counts faces that look down, "both" those that look up as well: a bead along the surface hangs
-            over inwards there.
+        side: "below", the default, counts faces that look down, as in a solid; "both" those that look up as well: a
+            bead along the surface hangs over inwards there.
         progress: is told the share done.
         executor: works on directions side by side; threads do, since the work is outside the interpreter.
 
     Raises:
-        SurfaceError: the mesh has no faces or is flat, the limit or the thickness is not above 0, or a candidate is no
-            direction.
+        SurfaceError: the mesh has no faces or is flat, the limit is not between 0 and 90, the thickness is not above
+            0, or a candidate is no direction.
     """
-    for what, value in (("limit of overhang", limit), ("layer thickness", thickness)):
-        if not value > 0 or not np.isfinite(value):
-            raise SurfaceError(f"the {what} must be above 0, not {value}")
-    if side not in ("both", "below"):
-        raise SurfaceError(f"overhang is measured on side 'both' or 'below', not {side!r}")
+    if not 0.0 < limit_deg < 90.0:
+        raise SurfaceError(f"the limit of overhang must be between 0° and 90°, not {limit_deg}")
+    if not thickness > 0 or not np.isfinite(thickness):
+        raise SurfaceError(f"the layer thickness must be above 0, not {thickness}")
+    check_side(side)
     faces = _faces_of(surface)
     if candidates is None:
         directions = _candidates(faces, SPREAD)
@@ -167,7 +168,7 @@ def best_orientation(
     chunks = np.array_split(directions, max(1, len(directions) // 8))
     found: list[Orientation] = []
     n = len(chunks)
-    calls = (chunks, [faces] * n, [(limit, thickness, side == "both")] * n)
+    calls = (chunks, [faces] * n, [(np.radians(limit_deg), thickness, side == "both")] * n)
     for done in map(_judged, *calls) if executor is None else executor.map(_judged, *calls):
         found += done
         if progress is not None:
@@ -177,10 +178,10 @@ def best_orientation(
 
     def rank(o: Orientation) -> tuple[float, ...]:
         return (
-            float(o.tilt < STANDS),
-            _step(o.excess, np.radians(0.5)),
+            float(o.tilt_deg < STANDS_DEG),
+            _step(o.excess_deg, 0.5),
             _step(o.share_over, 0.01),
-            _step(max(o.worst - limit, 0.0), 0.1),
+            _step(max(o.worst_deg - limit_deg, 0.0), 3.0),
             _step(o.print_length, 0.02 * shortest),
             -_step(o.base_area, 0.02 * widest),
             o.height,
@@ -267,6 +268,7 @@ def _judge(up: Array, part: _Faces, limit: float, thickness: float, both: bool) 
         limit,
         cut,
         ON_BED * height,
+        ON_TOP * height,
         both,
         low,
     )
@@ -274,7 +276,6 @@ def _judge(up: Array, part: _Faces, limit: float, thickness: float, both: bool) 
     # Where nothing is printed but flat faces, they stand in for it.
     centre = moment / printed if printed > 0.0 else np.average(part.centres, axis=0, weights=part.areas)
     at = int(np.searchsorted(np.cumsum(histogram), WORST * total * (1.0 - 1e-12)))
-    angle = 0.5 * np.pi * at / _BINS
     rotation = _least_turn(up)
     # A line through the points has their hull, and is one object in place of thousands.
     base = shapely.convex_hull(shapely.LineString(_base(part, low, heights, cut) @ rotation[:2].T))
@@ -287,12 +288,12 @@ def _judge(up: Array, part: _Faces, limit: float, thickness: float, both: bool) 
         rotation=read_only(rotation, (3, 3), "a rotation"),
         area_over=over,
         share_over=over / total,
-        excess=excess / total,
-        worst=float(np.tan(angle)) if at < _BINS else np.inf,
+        excess_deg=float(np.degrees(excess / total)),
+        worst_deg=90.0 * min(at, _BINS) / _BINS,
         height=height,
         print_length=printed / thickness,
         base_area=max(base_area, 0.0),
-        tilt=float(np.arctan2(aside, float(centre @ up) - lowest)),
+        tilt_deg=float(np.degrees(np.arctan2(aside, float(centre @ up) - lowest))),
     )
 
 
@@ -307,18 +308,19 @@ def _sums(
     limit: float,
     cut: float,
     on_bed: float,
+    on_top: float,
     both: bool,
     below: npt.NDArray[np.bool_],
 ) -> tuple[float, float, float, float, Array, Array]:
-    """Sums over faces for one direction: area over the limit, area x excess angle, area x sin φ, area of the section at
-    a height, first moments of area x sin φ, and area by angle of overhang, each bin named by its upper end.
+    """Sums over faces for one direction: area over the limit in rad, area x excess angle, area x sin φ, area of the
+    section at a height, first moments of area x sin φ, and area by angle of overhang, each bin named by its upper end.
 
     Marks in `below` the faces that reach below the section.
     """
     over = excess = printed = base = 0.0
+    highest = heights.max()
     moment = np.zeros(3)
     histogram = np.zeros(_BINS + 1)
-    least = np.arctan(limit)
     for f in range(len(faces)):
         along = normals[f, 0] * up[0] + normals[f, 1] * up[1] + normals[f, 2] * up[2]
         across = np.sqrt(max(1.0 - along * along, 0.0))
@@ -339,11 +341,12 @@ def _sums(
                     share = 1.0 - (high - cut) ** 2 / ((high - middle) * (high - low))
             base -= area * along * share
         angle = 0.0
-        if (both or along < 0.0) and high > on_bed:
+        top = low >= highest - on_top and abs(along) > 1.0 - ON_TOP
+        if (both or along < 0.0) and high > on_bed and not (both and top):
             angle = np.arctan2(abs(along), across)
-        if angle > least:
+        if angle > limit:
             over += area
-            excess += area * (angle - least)
+            excess += area * (angle - limit)
         histogram[min(int(np.ceil(angle * (2.0 * _BINS / np.pi) - 1e-6)), _BINS)] += area
     return over, excess, printed, base, moment, histogram
 

@@ -8,7 +8,8 @@ form stops short of the limit, and fails where both ends of a part are locked (d
   complies is left alone, so that it may give way to others;
 - each face has an aim of its own, which moves inside the limit by what the face last missed it by (the multipliers
   of an augmented Lagrangian);
-- opposite sides of a wall are tied together, the volume enclosed is kept, and no face may turn over.
+- opposite sides of a wall are tied together, the volume enclosed is kept, no face may turn over, and nothing may
+  sink below the bed.
 
 The energy is minimised by quasi-Newton steps with one factorisation, the Laplacian of the input.
 """
@@ -27,14 +28,17 @@ from twins.errors import SurfaceError
 from twins.mesh_edges import edge_faults, middle_of
 from twins.planes import PlaneStack
 from twins.surface import make_surface, signed_volume
+from twins.toolpath import Plane
 
+from .contact import Contact, FlatTop
 from .cotangent import face_edges
 from .energy import normal_energy
 from .inversions import turned_back
+from .judge import UP, Judge
 from .locks import as_flags, lock_base
 from .quasi_newton import QuasiNewton
 from .rigid_shape import RigidShape
-from .surfaces import ON_BED, build_directions
+from .surfaces import FacingSide, build_directions, check_side, mean_normal
 
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
@@ -65,9 +69,10 @@ class OverhangRelaxation:
         surface: same connectivity as the input; the input itself where nothing was over the limit.
         iterations: quasi-Newton steps.
         reached: at most the tolerated share of the area over the limit is left.
-        area: of the faces that are not locked, before, mm².
+        area: of the faces that count, before, mm²: all but those between locked vertices, on the bed, and with side
+            "both" flat in the highest layer plane.
         over_before, over_after: area of those over the limit, mm².
-        worst_before, worst_after: greatest angle of overhang among them, degrees.
+        worst_before_deg, worst_after_deg: greatest angle of overhang among them; 0 if none counts or leans out.
         volume_change: relative, of what the surface encloses.
         mean_displacement, max_displacement: of all vertices, mm.
         inverted: faces turned inside out; 0 unless the part is forced to fold.
@@ -79,8 +84,8 @@ class OverhangRelaxation:
     area: float
     over_before: float
     over_after: float
-    worst_before: float
-    worst_after: float
+    worst_before_deg: float
+    worst_after_deg: float
     volume_change: float
     mean_displacement: float
     max_displacement: float
@@ -99,7 +104,7 @@ def relax_overhang(
     locked: npt.ArrayLike | None = None,
     *,
     planes: PlaneStack | None = None,
-    downward_only: bool = True,
+    side: FacingSide = "below",
     walls: float | None = None,
     keep_volume: bool = True,
     tolerance: float = 0.02,
@@ -112,41 +117,58 @@ def relax_overhang(
     local overhang d/t of a toolpath along the surface. The build direction of rotary layers turns along the part: it
     is taken at each face's middle, and anew in each round as the face moves.
 
+    What `surface_overhang` says of the faces that are not locked is what counts. The bed is the base of the planes,
+    by default the height of the lowest vertex. No vertex goes below it, and one that was below goes no lower; what is
+    or comes on it stays on it, though it may slide, and is carried. With side "both", flat tops in the highest layer
+    plane stay flat; ledges, level faces that look up further down, count but are not pulled: lock them, or live with
+    them.
+
     Args:
         surface: closed or open, consistently oriented, normals outwards, in mm. It can bend only where it has
             vertices: its edges should be well below the size of what overhangs.
         limit_deg: greatest angle of overhang θ, degrees; the tangent of it is the limit of d/t.
         strength: λ, weight of the normals against the shape: a higher one gets to the limit in fewer rounds of more
             steps, and leaves the shape less choice.
-        locked: vertices that stay, as flags (n,) or indices (see `twins.locks`); by default those on the bed.
+        locked: vertices that stay, as flags (n,) or indices (see `lock_base` and its like), at least one; by default
+            those on the bed.
         planes: of the layers; by default horizontal.
-        downward_only: count faces that lean outwards over air; otherwise also those that lean inwards, as for a
-            part printed as a single bead along its surface. Level tops are no overhang either way.
+        side: "below", the default, counts faces that lean outwards over air, as in a solid; "both" also those that
+            lean inwards, as for a part printed as a single bead along its surface.
         walls: material up to this thickness is kept as a wall, its sides tied together, mm; by default 5 % of
             the part's diagonal; 0 ties nothing.
         keep_volume: hold the enclosed volume; only for closed surfaces.
-        tolerance: share of the area over the limit that may be left.
+        tolerance: share of the area over the limit that may be left, above 0 and below 1.
         rounds: greatest number of times that the aims change.
         progress: told the share done, 0 to 1.
 
     Raises:
-        SurfaceError: a limit not between 0 and 90, a strength or tolerance not above 0, locks that fit no vertex, a
-            surface that is empty or not manifold.
+        SurfaceError: a limit not between 0 and 90, a strength not above 0, a tolerance not between 0 and 1, an unknown
+            side, locks that fit no vertex, no vertex to lock, a surface that is empty, not manifold, inside out, or
+            has vertices of no face.
     """
     closed = _check(surface, limit_deg, strength, tolerance, rounds, walls)
+    check_side(side)
     vertices = np.array(surface.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(surface.faces, dtype=np.int64)
     fixed = lock_base(surface, planes) if locked is None else as_flags(locked, len(vertices))
+    if not fixed.any():
+        raise SurfaceError(
+            "no vertex is locked: a surface is relaxed from where it stands; "
+            + ("no vertex lies on the bed, so choose locks" if locked is None else "choose at least one")
+        )
     limit = math.radians(limit_deg)
-    judge = _Judge(vertices, faces, fixed, planes, limit, downward_only)
+    judge = Judge(vertices, faces, fixed, planes, limit, side == "both")
     before = judge(vertices)
-    if before.over == 0.0 or fixed.all():
+    if before.over_pulled == 0.0 or fixed.all():
         return _result(surface, surface, judge, 0, 0, tolerance)
     thickest = 0.05 * float(np.linalg.norm(np.ptp(vertices, axis=0))) if walls is None else walls
-    shape = RigidShape(vertices, faces, ~fixed, thickest, keep_volume and closed)
-    problem = _Problem(shape, judge.counted, strength, downward_only, judge.up(vertices))
-    search = QuasiNewton(problem.evaluate, shape.precondition, problem.start(before.angle))
-    best, best_over, waited = vertices, before.over, 0
+    flat = _flat_top(vertices, faces, fixed, planes, before.tops)
+    shape = RigidShape(vertices, faces, ~fixed, thickest, keep_volume and closed, flat)
+    problem = _Problem(shape, strength, side == "both", judge.up(vertices), before.pulled)
+    bed = Plane.horizontal(float(vertices[:, 2].min())) if planes is None else planes.base
+    contact = Contact(vertices, ~fixed, bed, flat)
+    search = QuasiNewton(problem.evaluate, shape.precondition, problem.start(before.angle), contact)
+    best, best_over, waited = vertices, before.over_pulled, 0
     margin = _MARGIN
     own = np.zeros(len(faces))
     for done in range(rounds):
@@ -154,90 +176,52 @@ def relax_overhang(
         search.run(_STEPS, _SETTLED)
         now = shape.full(search.point)
         found = judge(now)
-        waited = 0 if found.over < 0.95 * best_over else waited + 1
-        if found.over < best_over:
-            best, best_over = now, found.over
+        waited = 0 if found.over_pulled < 0.95 * best_over else waited + 1
+        if found.over_pulled < best_over:
+            best, best_over = now, found.over_pulled
         if progress is not None:
             progress((done + 1.0) / rounds)
-        if best_over <= tolerance * before.over or waited >= _PATIENCE:
+        if best_over <= tolerance * before.over_pulled or waited >= _PATIENCE:
             break
         problem.up = judge.up(now)
+        problem.pull(found.pulled)
         own = np.clip(own + found.angle - (limit - margin), 0.0, _FARTHEST)
         margin = min(margin + _WIDER, _WIDEST)
-    best, inverted = turned_back(vertices, best, faces, ~fixed)
+    best, inverted = turned_back(
+        vertices, best, faces, ~fixed, lambda moved: shape.full(contact.onto(shape.part(moved)))
+    )
     if progress is not None:
         progress(1.0)
     return _result(surface, make_surface(best, faces), judge, search.steps, inverted, tolerance)
 
 
-@dataclass(frozen=True, eq=False)
-class _Verdict:
-    angle: Array
-    area: float
-    over: float
-    worst: float
-
-
-class _Judge:
-    """What counts as overhang, and how much of it there is."""
-
-    def __init__(
-        self,
-        vertices: Array,
-        faces: Faces,
-        fixed: Flags,
-        planes: PlaneStack | None,
-        limit: float,
-        downward_only: bool,
-    ) -> None:
-        self.faces, self.planes, self.limit, self.downward_only = faces, planes, limit, downward_only
-        height = vertices[:, 2] - vertices[:, 2].min() if planes is None else planes.base.height_of(vertices)
-        on_bed = np.abs(height) <= ON_BED * np.ptp(vertices, axis=0).max()
-        self.counted = ~fixed[faces].all(axis=1) & ~on_bed[faces].all(axis=1)
-        if not downward_only:
-            self.counted &= ~self._level_tops(vertices)
-
-    def up(self, vertices: Array) -> Array:
-        """Build direction at the middle of each face, shape (m, 3)."""
-        if self.planes is None:
-            return np.tile([0.0, 0.0, 1.0], (len(self.faces), 1))
-        return build_directions(vertices[self.faces].mean(axis=1), self.planes)
-
-    def __call__(self, vertices: Array) -> _Verdict:
-        angle, area = np.empty(len(self.faces)), np.empty(len(self.faces))
-        up, unused = self.up(vertices), np.zeros(len(self.faces))
-        normal_energy(
-            vertices,
-            self.faces,
-            unused,
-            up,
-            unused,
-            self.downward_only,
-            np.zeros_like(vertices),
-            angle,
-            area,
-        )
-        over = float(area[self.counted & (angle > self.limit + 1e-9)].sum())
-        worst = float(angle[self.counted].max(initial=-0.5 * math.pi))
-        return _Verdict(angle, float(area[self.counted].sum()), over, worst)
-
-    def _level_tops(self, vertices: Array) -> Flags:
-        edges = face_edges(vertices, self.faces)
-        normals = np.cross(edges[:, 0], edges[:, 1])
-        rise = np.einsum("ij,ij->i", normals, self.up(vertices))
-        return np.asarray(rise > (1.0 - 1e-6) * np.linalg.norm(normals, axis=1))
+def _flat_top(
+    vertices: Array, faces: Faces, fixed: Flags, planes: PlaneStack | None, tops: Flags
+) -> FlatTop | None:
+    """What holds the faces of flat tops (m,) in their plane; that of rotary layers or between locks stays in place."""
+    top = np.zeros(len(vertices), dtype=bool)
+    top[faces[tops]] = True
+    if not (top & ~fixed).any():
+        return None
+    middle = vertices[top].mean(axis=0)
+    up = UP if planes is None else build_directions(middle[None], planes)[0]
+    normal = mean_normal(vertices, faces[tops], up)
+    stays = bool((fixed & top).any()) or (planes is not None and planes.axis is not None)
+    return FlatTop(top, normal, float(middle @ normal) if stays else None)
 
 
 class _Problem:
     """The energy to minimise, for the aims and build directions of a round."""
 
-    def __init__(
-        self, shape: RigidShape, counted: Flags, strength: float, downward_only: bool, up: Array
-    ) -> None:
-        self.up, self.aim = up, np.zeros(len(counted))
-        self._shape, self._downward_only = shape, downward_only
-        self._weight = np.where(counted, strength * shape.areas, 0.0)
-        self._angle, self._area = np.empty(len(counted)), np.empty(len(counted))
+    def __init__(self, shape: RigidShape, strength: float, both: bool, up: Array, pulled: Flags) -> None:
+        self.up, self.aim = up, np.zeros(len(pulled))
+        self._shape, self._strength, self._both = shape, strength, both
+        self._angle, self._area = np.empty(len(pulled)), np.empty(len(pulled))
+        self.pull(pulled)
+
+    def pull(self, pulled: Flags) -> None:
+        """From now on, pull these faces only."""
+        self._weight = np.where(pulled, self._strength * self._shape.areas, 0.0)
 
     def evaluate(self, point: Array) -> tuple[float, Array]:
         vertices = self._shape.full(point)
@@ -249,7 +233,7 @@ class _Problem:
             self._weight,
             self.up,
             self.aim,
-            self._downward_only,
+            self._both,
             gradient,
             self._angle,
             self._area,
@@ -289,12 +273,10 @@ def _check(
         raise SurfaceError(f"the limit of overhang must be between 0° and 90°, not {limit_deg}")
     if not (strength > 0.0 and math.isfinite(strength)):
         raise SurfaceError(f"the strength must be a number above 0, not {strength}")
-    if not 0.0 <= tolerance < 1.0:
-        raise SurfaceError(
-            f"the share of overhang that may be left must be from 0 to below 1, not {tolerance}"
-        )
-    if rounds < 1:
-        raise SurfaceError(f"relaxation needs at least one round, not {rounds}")
+    if not 0.0 < tolerance < 1.0:
+        raise SurfaceError(f"the share of overhang that may be left must be between 0 and 1, not {tolerance}")
+    if rounds < 1 or rounds != int(rounds):
+        raise SurfaceError(f"relaxation needs at least one round, and whole ones, not {rounds}")
     if walls is not None and not (walls >= 0.0 and math.isfinite(walls)):
         raise SurfaceError(f"the thickness up to which walls are kept must be 0 mm or more, not {walls}")
     vertices, faces = np.asarray(surface.vertices), np.asarray(surface.faces, dtype=np.int64)
@@ -302,6 +284,11 @@ def _check(
         raise SurfaceError("the surface has no faces: there is nothing to relax")
     if not np.isfinite(vertices).all():
         raise SurfaceError("the surface has a vertex that is not a finite point; repair it first")
+    unused = np.setdiff1d(np.arange(len(vertices)), faces)
+    if len(unused):
+        raise SurfaceError(
+            f"{len(unused)} vertices belong to no face, the first is vertex {unused[0]}; remove them first"
+        )
     unsealed, crowded, twisted = edge_faults(faces)
     if len(crowded) or len(twisted):
         place = middle_of(vertices, crowded[0] if len(crowded) else twisted[0])
@@ -309,13 +296,19 @@ def _check(
             f"the surface is not a consistently oriented manifold: an edge at {place} has more than two faces, or "
             "two that turn the same way; repair it first"
         )
-    return len(unsealed) == 0
+    if len(unsealed):
+        return False
+    if signed_volume(surface) <= 0.0:
+        raise SurfaceError(
+            "the surface is closed, but inside out or without a volume: its normals must point outwards; flip all faces"
+        )
+    return True
 
 
 def _result(
     surface: trimesh.Trimesh,
     relaxed: trimesh.Trimesh,
-    judge: _Judge,
+    judge: Judge,
     iterations: int,
     inverted: int,
     tolerance: float,
@@ -331,8 +324,8 @@ def _result(
         area=before.area,
         over_before=before.over,
         over_after=after.over,
-        worst_before=math.degrees(before.worst),
-        worst_after=math.degrees(after.worst),
+        worst_before_deg=math.degrees(before.worst),
+        worst_after_deg=math.degrees(after.worst),
         volume_change=(signed_volume(relaxed) - volume) / volume if volume else 0.0,
         mean_displacement=float(moved.mean()),
         max_displacement=float(moved.max()),

@@ -5,11 +5,14 @@ One factorisation serves the whole relaxation: the energy of edges has the same 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+from .contact import FlatTop
 from .cotangent import (
     cotangent_laplacian,
     cotangent_weights,
@@ -43,7 +46,13 @@ class RigidShape:
     """
 
     def __init__(
-        self, vertices: Array, faces: Faces, free: Flags, thickest: float, keep_volume: bool
+        self,
+        vertices: Array,
+        faces: Faces,
+        free: Flags,
+        thickest: float,
+        keep_volume: bool,
+        flat: FlatTop | None = None,
     ) -> None:
         """Prepare a surface.
 
@@ -52,6 +61,7 @@ class RigidShape:
             free: vertices that may move, shape (n,).
             thickest: walls up to this thickness are tied, mm; 0 ties none.
             keep_volume: count the change of the enclosed volume; for closed surfaces.
+            flat: vertices that stay in one plane, which the preconditioner then knows.
         """
         self.vertices, self.faces, self.areas = vertices, faces, face_areas(vertices, faces)
         self._free = np.flatnonzero(free)
@@ -70,9 +80,12 @@ class RigidShape:
         matrix = (matrix + 2.0 * edge_laplacian(start, end, stiffness, n)).tocsc()
         matrix = matrix + 2.0 * sparse.diags_array(self._stay)
         matrix = matrix.tocsc()[self._free][:, self._free]
-        self._factor = splu(
-            matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
+        self._factor = _factorised(matrix.tocsc())
+        self._flat = flat
+        if flat is not None:
+            # Square to their plane, such vertices move as one or not at all: a matrix of its own.
+            self._spread = flat.spread(self._free)
+            self._flat_factor = _factorised((self._spread.T @ matrix @ self._spread).tocsc())
         self._rotations = np.broadcast_to(np.eye(3), (n, 3, 3)).copy()
         self._covariances = np.empty((n, 3, 3))
         self._volume_weight, self._volume = 0.0, 0.0
@@ -114,7 +127,13 @@ class RigidShape:
         return direction
 
     def _solve(self, values: Array) -> Array:
-        return np.ascontiguousarray(self._factor.solve(values.reshape(-1, 3))).ravel()
+        rows = values.reshape(-1, 3)
+        solved = np.ascontiguousarray(self._factor.solve(rows))
+        if self._flat is not None:
+            normal = self._flat.normal
+            rise = self._spread @ self._flat_factor.solve(self._spread.T @ (rows @ normal))
+            solved += (rise - solved @ normal)[:, None] * normal
+        return solved.ravel()
 
     def _learn_volume(self) -> None:
         gradient = np.zeros_like(self.vertices)
@@ -130,3 +149,7 @@ class RigidShape:
         column = self._solve(g)
         self._volume_row = column
         self._volume_column = column / (0.5 / self._volume_weight + float(np.einsum("i,i->", g, column)))
+
+
+def _factorised(matrix: Any) -> Any:
+    return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -4,7 +4,7 @@ Layers belong together where their planes are the same; a layer that one toolpat
 means nothing there. So anchor plates may be a toolpath of the few layers that they cover.
 
 Open curves enclose nothing. A union keeps those of both; a difference cuts off what lies inside b of those of a; an
-intersection keeps what lies inside the other.
+intersection keeps what lies inside the other. One that both have comes once.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from shapely.geometry.base import BaseGeometry
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
-from .outlines import ON_CURVE, carried_width, region_within, with_curves, with_layers
+from .outlines import region_within, with_curves, with_layers
 from .touching import settled
+from .widths import ON_CURVE, check_width, nearest_widths, with_widths
 
 Array = npt.NDArray[np.float64]
 Kind = Literal["union", "difference", "intersection"]
@@ -63,7 +64,8 @@ class BooleanResult:
     Attributes:
         toolpath: layers that did not change are the same objects.
         layers: figures of those in which both had curves and `only` let the boolean happen.
-        remarks: a sentence for each layer in which curves were mended, or could not be.
+        remarks: a sentence for each layer in which curves were mended, or could not be, or widths were found in
+            between.
     """
 
     toolpath: Toolpath
@@ -76,8 +78,10 @@ def union(
     b: Toolpath,
     only: Only | None = None,
     resolution: float | None = None,
-    executor: Executor | None = None,
+    width: float | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> BooleanResult:
     """What either toolpath encloses: A ∪ B in each layer.
 
@@ -89,17 +93,20 @@ def union(
         resolution: L_R with which the result will be reconstructed, mm; default the layer thickness. Where curves
             come nearer than 0.001 L_R and cannot be reconstructed, they are joined (parted in a difference or an
             intersection), which is reported.
-        executor: works on layers side by side.
+        width: of the bead where a curve has none of its own, mm. Without it those stretches of a new curve that run
+            along such curves, where others of it have widths, take them from there, which is reported.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
 
     Returns:
-        new curves interior left. Curves that survive are the same objects; new ones carry widths where all of
-        them runs along curves with widths (`regions.outlines`).
+        new curves interior left. Curves that survive are the same objects. New ones keep the bead widths of the
+        curves that they were made from (`widths.py`); if none of these has any, they have none.
 
     Raises:
-        ToolpathError: a layer without a counterpart; closed curves that cross or enclose nothing on their left.
+        ToolpathError: a layer without a counterpart; closed curves that cross or enclose nothing on their left; a
+            resolution or width that is not above 0.
     """
-    return _boolean("union", a, b, only, resolution, executor, progress)
+    return _boolean("union", a, b, only, resolution, width, progress, executor)
 
 
 def difference(
@@ -107,11 +114,13 @@ def difference(
     b: Toolpath,
     only: Only | None = None,
     resolution: float | None = None,
-    executor: Executor | None = None,
+    width: float | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> BooleanResult:
     """What toolpath a encloses and b does not: A − B in each layer, in the layers of a. Else as `union`."""
-    return _boolean("difference", a, b, only, resolution, executor, progress)
+    return _boolean("difference", a, b, only, resolution, width, progress, executor)
 
 
 def intersection(
@@ -119,11 +128,13 @@ def intersection(
     b: Toolpath,
     only: Only | None = None,
     resolution: float | None = None,
-    executor: Executor | None = None,
+    width: float | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> BooleanResult:
     """What both toolpaths enclose: A ∩ B in each layer, in the layers of a. Else as `union`."""
-    return _boolean("intersection", a, b, only, resolution, executor, progress)
+    return _boolean("intersection", a, b, only, resolution, width, progress, executor)
 
 
 def _boolean(
@@ -132,12 +143,14 @@ def _boolean(
     b: Toolpath,
     only: Only | None,
     resolution: float | None,
-    executor: Executor | None,
+    width: float | None,
     progress: Callable[[float], None] | None,
+    executor: Executor | None,
 ) -> BooleanResult:
     step = a.thickness if resolution is None else float(resolution)
     if not step > 0 or not np.isfinite(step):
         raise ToolpathError(f"the resolution must be above 0 mm, not {resolution}")
+    width = check_width(width)
     mine, theirs = counterparts(a, b)
     frame = a if kind != "union" or len(a.layers) >= len(b.layers) else b
     layers: list[Layer] = []
@@ -150,16 +163,16 @@ def _boolean(
             layers.append(with_curves(plain, _carried(here, plain)))
             continue
         layers.append(plain)
-        calls.append((kind, _carried(here, plain), _carried(there, plain), step, i))
+        calls.append((kind, _carried(here, plain), _carried(there, plain), step, width, i))
     worker = map if executor is None else executor.map
     figures, remarks = [], []
-    for done, (call, (made, areas, remark)) in enumerate(zip(calls, worker(_of_layer, calls), strict=True)):
-        _, here_curves, there_curves, _, i = call
+    for done, (call, (made, areas, said)) in enumerate(zip(calls, worker(_of_layer, calls), strict=True)):
+        _, here_curves, there_curves, *_, i = call
         sources = (*here_curves, *there_curves)
         # Workers name the curves that survive by number: what comes back from another process is a copy.
         layers[i] = with_curves(layers[i], [sources[c] if isinstance(c, int) else c for c in made])
         figures += [areas] if here_curves and there_curves else []
-        remarks += [remark] if remark else []
+        remarks += said
         if progress is not None:
             progress((done + 1) / len(calls))
     return BooleanResult(with_layers(frame, layers), tuple(figures), tuple(remarks))
@@ -226,21 +239,22 @@ def _carried(layer: Layer, onto: Layer) -> tuple[Curve, ...]:
 
 
 def _of_layer(
-    call: tuple[Kind, Sequence[Curve], Sequence[Curve], float, int],
-) -> tuple[list[int | Curve], LayerAreas, str]:
-    kind, a, b, step, i = call
+    call: tuple[Kind, Sequence[Curve], Sequence[Curve], float, float | None, int],
+) -> tuple[list[int | Curve], LayerAreas, list[str]]:
+    kind, a, b, step, width, i = call
     where = f"layer {i}"
     sources = (*a, *b)
     if not a or not b:
         kept = len(a) if kind == "difference" else len(sources) if kind == "union" else 0
-        return list(range(kept)), LayerAreas(i, (len(a), len(b), kept), (0.0, 0.0, 0.0), 0.0), ""
+        return list(range(kept)), LayerAreas(i, (len(a), len(b), kept), (0.0, 0.0, 0.0), 0.0), []
     A = region_within(a, f"{where} of the first toolpath")
     B = region_within(b, f"{where} of the second toolpath")
     with np.errstate(all="ignore"):  # GEOS leaves flags of its own
         made = settled(OPERATIONS[kind](A, B), step, "join" if kind == "union" else "part", where, sources)
         lines = _open_curves(kind, a, b, A, B)
+    closed, said = with_widths(made.curves, [curve for curve in sources if curve.closed], width, where)
     index = {id(curve): k for k, curve in enumerate(sources)}
-    curves = (*made.curves, *lines)
+    curves = (*closed, *lines)
     areas = LayerAreas(
         i,
         (len(a), len(b), len(curves)),
@@ -248,7 +262,8 @@ def _of_layer(
         made.mended,
     )
     old = sorted(index[id(curve)] for curve in curves if id(curve) in index)
-    return [*old, *(curve for curve in curves if id(curve) not in index)], areas, made.remark
+    new = [curve for curve in curves if id(curve) not in index]
+    return [*old, *new], areas, [*filter(None, (made.remark, said))]
 
 
 def _open_curves(
@@ -256,15 +271,22 @@ def _open_curves(
 ) -> list[Curve]:
     mine, theirs = ([curve for curve in curves if not curve.closed] for curves in (a, b))
     if kind == "union":
-        return [*mine, *theirs]
+        return _without_doubles(mine, theirs)
     if kind == "difference":
         return [part for curve in mine for part in _clipped(curve, shapely.difference, B)]
-    return [
-        part
-        for curves, region in ((mine, B), (theirs, A))
-        for curve in curves
-        for part in _clipped(curve, shapely.intersection, region)
-    ]
+    return _without_doubles(
+        *(
+            [part for curve in curves for part in _clipped(curve, shapely.intersection, region)]
+            for curves, region in ((mine, B), (theirs, A))
+        )
+    )
+
+
+def _without_doubles(mine: Sequence[Curve], theirs: Sequence[Curve]) -> list[Curve]:
+    """Open curves of both toolpaths; those of b that a has as well, whichever way they run, are left out."""
+    lines = [shapely.LineString(curve.points) for curve in mine]
+    new = [c for c in theirs if not any(line.equals(shapely.LineString(c.points)) for line in lines)]
+    return [*mine, *new]
 
 
 def _clipped(
@@ -280,5 +302,6 @@ def _clipped(
     for part in shapely.get_parts(merged):
         points = shapely.get_coordinates(part)
         if part.geom_type == "LineString" and part.length > ON_CURVE:
-            parts.append(Curve(points, closed=False, width=carried_width(points, [curve])))
+            width = None if curve.width is None else nearest_widths(points, [curve])
+            parts.append(Curve(points, closed=False, width=width))
     return sorted(parts, key=lambda part: float(line.project(shapely.Point(part.points[0]))))

@@ -1,7 +1,9 @@
-"""Cleaning: curves that cannot be printed are repaired where there is one way to do it, and removed otherwise.
+"""Cleaning: curves that are not as they should be are repaired where there is one way to do it, else reported.
 
-Short curves and doubles of others are removed, repeated points dropped. A curve that crosses or touches itself falls
-into loops there: if all but one are short, that one stays; otherwise nobody knows what was meant, and it is removed.
+Short curves, doubles of others and curves of nothing but short or empty loops are removed, repeated points dropped. An
+open curve that ends where it begins, as CAD programs draw closed ones, is closed. A curve that crosses or touches
+itself falls into loops there: if all but one are short, that one stays; otherwise nobody knows what was meant, and the
+curve stays as it is.
 """
 
 from __future__ import annotations
@@ -21,7 +23,8 @@ from twins.toolpath import FAR, Curve, Toolpath
 from .outlines import with_curves, with_layers
 
 Array = npt.NDArray[np.float64]
-Fault = Literal["repeated points", "short", "double", "crosses itself", "crosses another"]
+Fault = Literal["repeated points", "not closed", "short", "double", "crosses itself", "crosses another"]
+Done = Literal["repaired", "removed", "kept"]
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Cleaned:
     Attributes:
         layer, curve: indices before cleaning.
         fault: what was found.
-        done: "repaired", "removed" or, where curves cross one another, "kept".
+        done: "repaired", "removed" or, where it is not clear what was meant, "kept".
         place: (u, v) of it, mm.
         detail: in words.
     """
@@ -39,7 +42,7 @@ class Cleaned:
     layer: int
     curve: int
     fault: Fault
-    done: Literal["repaired", "removed", "kept"]
+    done: Done
     place: tuple[float, float]
     detail: str
 
@@ -67,22 +70,24 @@ def clean(
     toolpath: Toolpath,
     shortest: float | None = None,
     apart: float | None = None,
-    executor: Executor | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> CleanResult:
-    """Remove or repair curves that are short, doubles of others, or cross themselves.
+    """Remove curves that are short or doubles of others, and repair those that cross themselves or lack a segment.
 
     Args:
         toolpath: open or closed curves.
         shortest: curves, and loops of curves, shorter than this go, mm; default three layer thicknesses.
-        apart: points nearer to one another are one; curves that keep within it of one another over their whole
-            length are one, whichever way they run, mm; default a thousandth of the layer thickness.
-        executor: works on layers side by side.
+        apart: points nearer to one another are one, and curves that keep within it of one another over their whole
+            length, whichever way they run; an open curve whose ends are nearer is closed (it runs as it was drawn:
+            see `oriented`), mm; default a thousandth of the layer thickness.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
 
     Returns:
-        the result, with every curve that was changed or removed. Curves that cross one another are reported and
-        kept: unite them.
+        the result, with every curve that was changed or removed. Curves that cross one another (unite them), and
+        those that cross themselves and have several long parts, are reported and kept.
 
     Raises:
         ToolpathError: lengths that are not above 0.
@@ -111,9 +116,7 @@ def _of_layer(call: tuple[Sequence[Curve], float, float, int]) -> tuple[list[int
     found: list[Cleaned] = []
     left: dict[int, Curve] = {}
 
-    def report(
-        j: int, fault: Fault, done: Literal["repaired", "removed", "kept"], at: Array, detail: str
-    ) -> None:
+    def report(j: int, fault: Fault, done: Done, at: Array, detail: str) -> None:
         found.append(Cleaned(i, j, fault, done, (float(at[0]), float(at[1])), detail))
 
     for j, curve in enumerate(curves):
@@ -121,21 +124,27 @@ def _of_layer(call: tuple[Sequence[Curve], float, float, int]) -> tuple[list[int
         if len(rows) < len(curve.points):
             enough = len(rows) >= (3 if curve.closed else 2)
             count = len(curve.points) - len(rows)
-            detail = f"{count} of its points lie within {gap:.3g} mm of another"
+            detail = f"{count} of its points {'lie' if count > 1 else 'lies'} within {gap:.3g} mm of another"
             report(j, "repeated points", "repaired" if enough else "removed", curve.points[0], detail)
             if not enough:
                 continue
             curve = _curve(rows, curve)  # noqa: PLW2901 - the repaired curve stands for it from here on
+        if not curve.closed and len(rows) >= 4 and np.hypot(*(rows[-1] - rows[0])[:2]) <= gap:
+            report(
+                j, "not closed", "repaired", rows[0], f"its ends lie within {gap:.3g} mm; it is closed there"
+            )
+            rows = rows[:-1]
+            curve = _curve(rows, curve, closed=True)  # noqa: PLW2901
         if curve.length < shortest:
             detail = f"it is {curve.length:.3g} mm long, below {shortest:.6g} mm"
             report(j, "short", "removed", curve.points[0], detail)
             continue
-        repaired, at, detail = _uncrossed(rows, shortest, gap, closed=curve.closed)
-        if at is not None and repaired is None:
-            report(j, "crosses itself", "removed", at, detail)
+        repaired, done, at, detail = _uncrossed(rows, shortest, gap, closed=curve.closed)
+        if at is not None:
+            report(j, "crosses itself", done, at, detail)
+        if done == "removed":
             continue
-        if at is not None and repaired is not None:
-            report(j, "crosses itself", "repaired", at, detail)
+        if done == "repaired" and at is not None:
             curve = _curve(repaired, curve)  # noqa: PLW2901
         twin = next((k for k, other in left.items() if _same(curve, other, gap)), None)
         if twin is not None:
@@ -149,28 +158,31 @@ def _of_layer(call: tuple[Sequence[Curve], float, float, int]) -> tuple[list[int
 
 def _uncrossed(
     rows: Array, shortest: float, gap: float, *, closed: bool
-) -> tuple[Array | None, Array | None, str]:
-    """The one long part of a curve, or None; where the curve first crosses itself, or None; and in words."""
+) -> tuple[Array, Done, Array | None, str]:
+    """A curve without short loops, what was done, where it first crosses itself (None: nowhere), and in words."""
     loops, through, crossings = loops_of(rows, closed=closed)
     if not len(crossings):
-        return rows, None, ""
+        return rows, "kept", None, ""
     # What runs out and back on itself encloses nothing, however long it is.
     long = [
         loop
         for loop in loops
         if (curve := Curve(loop[:, :2])).length >= shortest and abs(curve.signed_area) > gap * curve.length
     ]
-    parts = [through] if through is not None else long
-    if len(parts) == 1 and (closed or not long):
+    at = crossings[0]
+    if closed and not long:
+        return rows, "removed", at, "it crosses itself, and all its loops are short or empty"
+    parts = long if through is None else [through]
+    if len(parts) == 1 and len(parts[0]) >= 2 and (closed or not long):
         cut = len(loops) - closed
-        return parts[0], crossings[0], f"it crosses itself; {cut} short or empty loops are cut off"
-    if not parts:
-        return None, crossings[0], "it crosses itself, and all its loops are short or empty"
-    return (
-        None,
-        crossings[0],
-        f"it crosses itself and has {len(long)} long loops: which is meant is not clear",
+        what = "what runs out and back is"
+        if cut:
+            what = f"{cut} short or empty loops are" if cut > 1 else "a short or empty loop is"
+        return parts[0], "repaired", at, f"it crosses or touches itself; {what} cut off"
+    has = (
+        f"{len(long)} long loops" if len(long) > 1 else "a long loop" if long else "no part that is run once"
     )
+    return rows, "kept", at, f"it crosses or touches itself and has {has}: which part is meant is not clear"
 
 
 def loops_of(rows: Array, *, closed: bool) -> tuple[list[Array], Array | None, Array]:
@@ -250,8 +262,9 @@ def _rows(curve: Curve) -> Array:
     return curve.points if curve.width is None else np.column_stack([curve.points, curve.width])
 
 
-def _curve(rows: Array, like: Curve) -> Curve:
-    return Curve(rows[:, :2], like.closed, None if like.width is None else rows[:, 2])
+def _curve(rows: Array, like: Curve, *, closed: bool | None = None) -> Curve:
+    width = None if like.width is None else rows[:, 2]
+    return Curve(rows[:, :2], like.closed if closed is None else closed, width)
 
 
 def _without_repeats(rows: Array, gap: float, *, closed: bool) -> Array:

@@ -85,9 +85,14 @@ def split_layers(toolpath: Toolpath, at: int | Sequence[int]) -> tuple[Toolpath,
     Raises:
         ToolpathError: a number that is not that of a layer above the first, or numbers that do not ascend.
     """
-    starts = [at] if isinstance(at, int) else list(at)
+    numbers = np.atleast_1d(np.asarray(at))
+    starts = numbers.tolist()
     count = len(toolpath.layers)
-    if any(not 0 < i < count for i in starts) or any(a >= b for a, b in pairwise(starts)):
+    if (
+        (starts and numbers.dtype.kind not in "iu")
+        or any(not 0 < i < count for i in starts)
+        or any(a >= b for a, b in pairwise(starts))
+    ):
         raise ToolpathError(
             f"a toolpath of {count} layers is split at ascending layers from 1 to {count - 1}, not {starts}"
         )

@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 
 from twins.toolpath import FAR, Curve, Toolpath
 
-from .joined_layers import Joining, JoinResult, Stages, join_layers_by
+from .linked_layers import Linking, LinkResult, Stages, link_layers
 from .linking import LinkKind
 from .outlines import walls
 
@@ -18,9 +18,10 @@ def merge_regions(
     kind: LinkKind = "u-turn",
     reach: float = FAR,
     near: tuple[float, float] | None = None,
-    executor: Executor | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
-) -> JoinResult:
+    executor: Executor | None = None,
+) -> LinkResult:
     """Join the outer walls of separate regions of each layer, the nearest first, at closest points.
 
     The strip between the two links of a U-turn joins the region: a bridge a bead width wide. A region in a hole of
@@ -32,13 +33,14 @@ def merge_regions(
         kind: see `simplify_regions`.
         reach: longer links are not made, mm.
         near: (u, v); of equally short links the one nearest to it is taken.
-        executor: works on layers side by side.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
 
     Raises:
         ToolpathError: curves of a layer that cross or enclose nothing on their left; arguments out of range.
     """
-    return join_layers_by(toolpath, Joining(width, kind, reach, near), _outer_walls, executor, progress)
+    how = Linking(width, kind, reach, near)
+    return link_layers(toolpath, how, _outer_walls, progress=progress, executor=executor)
 
 
 def _outer_walls(curves: Sequence[Curve], where: str) -> list[Stages]:

@@ -22,6 +22,7 @@ from twins.toolpath import FAR, Curve, Toolpath
 
 from .outlines import region_within, turned_round, with_curves, with_layers
 from .touching import settled, without_slivers
+from .widths import check_width, with_widths
 
 Array = npt.NDArray[np.float64]
 Side = Literal["region", "both", "left", "right"]
@@ -56,9 +57,10 @@ class OffsetResult:
     """A toolpath at a distance from another one.
 
     Attributes:
-        toolpath: layers without curves are the same objects.
+        toolpath: layers without curves, or without any that enclose a region, are the same objects.
         layers: figures of the others.
-        remarks: a sentence for each layer in which curves were mended (see `touching.py`), or are lost.
+        remarks: a sentence for each layer in which curves were mended (see `touching.py`), are lost, or have widths
+            that were found in between.
     """
 
     toolpath: Toolpath
@@ -72,8 +74,10 @@ def offset(
     side: Side = "region",
     corners: Corners = "round",
     resolution: float | None = None,
-    executor: Executor | None = None,
+    width: float | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
+    executor: Executor | None = None,
 ) -> OffsetResult:
     """Curves at a distance from those of a toolpath, in the same planes.
 
@@ -87,16 +91,18 @@ def offset(
             direction; open curves give open curves. Curves are taken one by one, so results of neighbours may cross.
         corners: of the far side: arcs, or mitres (cut off beyond 4 distances).
         resolution: L_R with which the result will be reconstructed, mm; default the layer thickness. See `union`.
-        executor: works on layers side by side.
+        width: of the bead where a curve has none of its own, mm; see `union`.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
 
     Returns:
-        new curves, without widths: the print settings decide, or `vary_width`. Arcs have 12 segments to a quarter;
-        resample the result where equal segments are wanted.
+        new curves, each point with the bead width of the nearest place of the curves that it was made from
+        (`widths.py`). Arcs have 12 segments to a quarter; resample the result where equal segments are wanted. Open
+        curves that stay keep their place in the order; the new curves of a region stand where its first one stood.
 
     Raises:
-        ToolpathError: a distance that is not a number or has the wrong sign; curves that cross themselves or, with
-            "region", one another.
+        ToolpathError: a distance that is not a number or has the wrong sign; a width that is not above 0; curves
+            that cross themselves or, with "region", one another.
     """
     if not np.isfinite(distance) or abs(distance) > FAR or distance == 0.0:
         raise ToolpathError(
@@ -111,18 +117,22 @@ def offset(
     step = toolpath.thickness if resolution is None else float(resolution)
     if not step > 0 or not np.isfinite(step):
         raise ToolpathError(f"the resolution must be above 0 mm, not {resolution}")
+    width = check_width(width)
     layers = list(toolpath.layers)
     calls = [
-        (layer.curves, float(distance), side, corners, step, i)
+        (layer.curves, float(distance), side, corners, step, width, i)
         for i, layer in enumerate(layers)
-        if layer.curves
+        if any(curve.closed or side != "region" for curve in layer.curves)
     ]
     figures, remarks = [], []
     worker = map if executor is None else executor.map
     for done, (call, (made, figure, remark)) in enumerate(zip(calls, worker(_of_layer, calls), strict=True)):
         i = call[-1]
-        kept = [curve for curve in layers[i].curves if side == "region" and not curve.closed]
-        layers[i] = with_curves(layers[i], (*kept, *made))
+        before = layers[i].curves
+        stays = [side == "region" and not curve.closed for curve in before]
+        first = stays.index(False)
+        after = [curve for curve, stay in zip(before[first:], stays[first:], strict=True) if stay]
+        layers[i] = with_curves(layers[i], (*before[:first], *made, *after))
         figures.append(figure)
         remarks += remark
         if progress is not None:
@@ -131,9 +141,9 @@ def offset(
 
 
 def _of_layer(
-    call: tuple[Sequence[Curve], float, Side, Corners, float, int],
+    call: tuple[Sequence[Curve], float, Side, Corners, float, float | None, int],
 ) -> tuple[tuple[Curve, ...], OffsetLayer, list[str]]:
-    curves, distance, side, corners, step, i = call
+    curves, distance, side, corners, step, width, i = call
     where = f"layer {i}"
     lost: list[int] = []
     with np.errstate(all="ignore"):  # GEOS leaves flags of its own
@@ -142,7 +152,7 @@ def _of_layer(
             for j, curve in enumerate(curves):
                 parallel = _parallel(curve, distance, side, corners, f"{where}, curve {j}")
                 lost += [] if parallel else [j]
-                made += parallel
+                made += tuple(with_widths(parallel, [curve], width, where)[0])
             said = [f"{where}, curve {j}: nothing of it is left at {distance:.6g} mm" for j in lost]
         else:
             if side == "region":
@@ -156,7 +166,9 @@ def _of_layer(
             else:
                 grown, how = _mitred(curves, distance), "join"
             done = settled(_sound(grown, distance), step, how, where)
-            made, said = done.curves, [done.remark] if done.remark else []
+            sources = [curve for curve in curves if curve.closed or side == "both"]
+            new, guessed = with_widths(done.curves, sources, width, where)
+            made, said = tuple(new), [*filter(None, (done.remark, guessed))]
             if not made:
                 said.append(f"{where}: nothing of it is left at {distance:.6g} mm")
     areas = tuple(sum(curve.signed_area for curve in some) for some in (curves, made))

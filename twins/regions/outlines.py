@@ -19,13 +19,9 @@ from twins.extrusion import enclosed_region, rings
 from twins.toolpath import Curve, Layer, Toolpath
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 REPEATED = 1e-8
 """Points of a ring closer than this share of its extent are one: they are rounding of one crossing."""
-
-ON_CURVE = 1e-6
-"""A point this near to a source curve lies on it, mm."""
 
 
 def regions_of(layer: Layer, where: str = "the layer") -> tuple[shapely.Polygon, ...]:
@@ -95,8 +91,7 @@ def outlines(region: BaseGeometry, sources: Sequence[Curve] = ()) -> tuple[Curve
             continue
         points = without_repeats(ring)
         if len(points) >= 3:
-            points = _begun(points, sources)
-            new.append(Curve(points, width=carried_width(points, sources)))
+            new.append(Curve(_begun(points, sources)))
     return (*(sources[j] for j in sorted(kept)), *new)
 
 
@@ -163,38 +158,6 @@ def without_repeats(ring: Array, apart: float = 0.0) -> Array:
     while len(kept) > 1 and np.hypot(*(ring[kept[-1]] - ring[0])) <= least:
         kept.pop()
     return np.asarray(ring[kept], dtype=np.float64)
-
-
-def carried_width(points: Array, sources: Sequence[Curve]) -> Array | None:
-    """The width at each point, shape (n,), mm, from the source that it lies on; None where one has none."""
-    if all(curve.width is None for curve in sources):
-        return None
-    segments, owner, place = _segments(sources)
-    at, on = shapely.STRtree(segments).query(shapely.points(points), predicate="dwithin", distance=ON_CURVE)
-    width = np.full(len(points), np.nan)
-    last = np.argsort(-owner[on], kind="stable")  # the earliest source comes last and stays
-    for k, segment in zip(at[last], on[last], strict=True):
-        curve = sources[owner[segment]]
-        if curve.width is not None:
-            i, j = place[segment], (place[segment] + 1) % len(curve.points)
-            a, b = curve.points[i], curve.points[j]
-            share = min(
-                1.0, max(0.0, float((points[k] - a) @ (b - a)) / max(float((b - a) @ (b - a)), 1e-300))
-            )
-            width[k] = (1.0 - share) * curve.width[i] + share * curve.width[j]
-    return None if np.isnan(width).any() else width
-
-
-def _segments(sources: Sequence[Curve]) -> tuple[npt.NDArray[np.object_], Indices, Indices]:
-    """The segments of curves, the curve of each, and the index of its first point."""
-    ends, owner, place = [], [], []
-    for j, curve in enumerate(sources):
-        count = len(curve.points) if curve.closed else len(curve.points) - 1
-        ends.append(np.stack([curve.points[:count], np.roll(curve.points, -1, axis=0)[:count]], axis=1))
-        owner.append(np.full(count, j))
-        place.append(np.arange(count))
-    lines = np.asarray(shapely.linestrings(np.concatenate(ends)), dtype=np.object_)
-    return lines, np.concatenate(owner), np.concatenate(place)
 
 
 def _key(ring: Array) -> bytes:

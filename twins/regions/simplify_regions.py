@@ -10,7 +10,7 @@ from typing import Literal
 from twins.errors import ToolpathError
 from twins.toolpath import FAR, Curve, Toolpath
 
-from .joined_layers import Joining, JoinResult, Stages, join_layers_by
+from .linked_layers import Linking, LinkResult, Stages, link_layers
 from .linking import LinkKind
 from .outlines import walls
 
@@ -24,9 +24,10 @@ def simplify_regions(
     order: Order = "inner first",
     reach: float = FAR,
     near: tuple[float, float] | None = None,
-    executor: Executor | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
-) -> JoinResult:
+    executor: Executor | None = None,
+) -> LinkResult:
     """Join the curves of each region into one, at closest points.
 
     Args:
@@ -38,16 +39,17 @@ def simplify_regions(
             "nearest": always the two nearest curves, which gives the shortest links.
         reach: longer links are not made, mm.
         near: (u, v); of equally short links the one nearest to it is taken, which aligns the links of tubes.
-        executor: works on layers side by side.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
 
     Raises:
         ToolpathError: curves of a layer that cross or enclose nothing on their left; arguments out of range.
     """
     if order not in ("inner first", "nearest"):
         raise ToolpathError(f"regions are simplified in order 'inner first' or 'nearest', not {order!r}")
-    how = Joining(width, kind, reach, near)
-    return join_layers_by(toolpath, how, partial(_walls_of_regions, order), executor, progress)
+    how = Linking(width, kind, reach, near)
+    groups = partial(_walls_of_regions, order)
+    return link_layers(toolpath, how, groups, progress=progress, executor=executor)
 
 
 def _walls_of_regions(order: Order, curves: Sequence[Curve], where: str) -> list[Stages]:

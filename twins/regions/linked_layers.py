@@ -1,4 +1,4 @@
-"""Joined layers: curves of a layer linked into fewer, and what that does to area and to the material laid."""
+"""Linked layers: curves of a layer linked into fewer, and what that does to area and to the material laid."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import shapely
 
 from twins.errors import ToolpathError
 from twins.extrusion import bead_region
-from twins.toolpath import FAR, Curve, Toolpath
+from twins.toolpath import FAR, Curve, Toolpath, read_only
 
 from .linking import Link, LinkKind, link
 from .outlines import with_curves, with_layers
@@ -21,8 +21,8 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Joining:
-    """How curves are joined.
+class Linking:
+    """How curves are linked.
 
     Attributes:
         width: of the bead, mm: distance of the two links of a U-turn.
@@ -43,15 +43,13 @@ class Joining:
             raise ToolpathError(f"curves are joined by a 'u-turn' or a 'crossing', not {self.kind!r}")
         if not self.reach > 0:
             raise ToolpathError(f"the reach of links must be above 0 mm, not {self.reach}")
-        if self.near is not None and not np.isfinite(self.near).all():
-            raise ToolpathError(
-                f"the place that links should be near to must be two numbers, not {self.near}"
-            )
+        if self.near is not None:
+            read_only(self.near, (2,), "the place that links should be near to, (u, v) in mm,")
 
 
 @dataclass(frozen=True, eq=False)
-class JoinedLayer:
-    """What joining did to a layer.
+class LinkedLayer:
+    """What linking did to a layer.
 
     Attributes:
         layer: index.
@@ -71,17 +69,17 @@ class JoinedLayer:
 
 
 @dataclass(frozen=True, eq=False)
-class JoinResult:
+class LinkResult:
     """A toolpath of fewer curves.
 
     Attributes:
-        toolpath: layers in which nothing was joined are the same objects.
+        toolpath: layers in which nothing was linked are the same objects.
         layers: figures of the others.
-        remarks: a sentence for each curve that could not be joined.
+        remarks: a sentence for each region whose curves could not all be linked.
     """
 
     toolpath: Toolpath
-    layers: tuple[JoinedLayer, ...]
+    layers: tuple[LinkedLayer, ...]
     remarks: tuple[str, ...]
 
 
@@ -90,22 +88,23 @@ Stages = Sequence[frozenset[int]]
 """Curves of one group that may be linked to one another: in the first stage these, then these and so on."""
 
 
-def join_layers_by(
+def link_layers(
     toolpath: Toolpath,
-    how: Joining,
+    how: Linking,
     groups: Callable[[Sequence[Curve], str], list[Stages]],
-    executor: Executor | None = None,
+    *,
     progress: Callable[[float], None] | None = None,
-) -> JoinResult:
-    """Join the curves of each layer in groups.
+    executor: Executor | None = None,
+) -> LinkResult:
+    """Link the curves of each layer into one a group.
 
     Args:
         toolpath: closed curves, interior left; open ones stay and are in no link's way.
-        how: they are joined.
+        how: they are linked.
         groups: of the curves of a layer, by index; the string names the layer. A module's function, if the executor
             has other processes.
-        executor: works on layers side by side.
         progress: is told the share done, 0 to 1, after each layer.
+        executor: works on layers side by side.
     """
     calls = [
         (layer.curves, how, groups(layer.curves, f"layer {i}"), i) for i, layer in enumerate(toolpath.layers)
@@ -121,12 +120,12 @@ def join_layers_by(
         remarks += said
         if progress is not None:
             progress((done + 1) / len(calls))
-    return JoinResult(with_layers(toolpath, layers), tuple(figures), tuple(remarks))
+    return LinkResult(with_layers(toolpath, layers), tuple(figures), tuple(remarks))
 
 
 def _of_layer(
-    call: tuple[Sequence[Curve], Joining, list[Stages], int],
-) -> tuple[list[int | Curve], JoinedLayer, list[str]]:
+    call: tuple[Sequence[Curve], Linking, list[Stages], int],
+) -> tuple[list[int | Curve], LinkedLayer, list[str]]:
     curves, how, groups, i = call
     made: dict[int, Curve] = dict(enumerate(curves))
     links: list[Link] = []
@@ -177,11 +176,11 @@ def _nearest(
 
 
 def _figure(
-    i: int, before: Sequence[Curve], after: Sequence[Curve], links: Sequence[Link], how: Joining
-) -> JoinedLayer:
+    i: int, before: Sequence[Curve], after: Sequence[Curve], links: Sequence[Link], how: Linking
+) -> LinkedLayer:
     beads = [bead_region(curves, how.width, 0.0) for curves in (before, after)]
     areas = [sum(curve.signed_area for curve in curves) for curves in (before, after)]
-    return JoinedLayer(
+    return LinkedLayer(
         i,
         (len(before), len(after)),
         np.array([made.ends for made in links]).reshape(-1, 2, 2),
