@@ -29,6 +29,7 @@ from .overhang_pictures import draw_overhangs
 from .overhangs import overhangs_of
 from .printing import print_job, simulate_cell
 from .report import draw, summarise, write_summary
+from .scaled_model import gcode_job
 from .stages import checked, plan_job, planned, slice_job
 from .structural import fea_job
 
@@ -297,6 +298,23 @@ def simulate_(
 def fea_(job: JobFolder, as_json: Json = False) -> None:
     """Mesh the printed volume, export it by layers, and solve it under its own weight."""
     _result(fea_job(load_job(job), errors if as_json else console), as_json)
+
+
+@app.command("gcode")
+def gcode_(
+    job: JobFolder,
+    scale: Annotated[float, typer.Option(metavar="N", help="of the model, 1:N")] = 12.5,
+    printer: Annotated[str, typer.Option(help="a shipped desktop printer or the path of a file")] = "cr10",
+    width: Annotated[
+        float | None, typer.Option(metavar="MM", help="of the bead at full size; default the job's")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="the file to write; default model.gcode in the job")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the job's toolpath as G-code of a scaled model for a desktop printer."""
+    _result(gcode_job(load_job(job), scale, printer, width, out), as_json)
 
 
 def _result(values: dict[str, Any], as_json: bool, findings: list[Finding] | None = None) -> None:

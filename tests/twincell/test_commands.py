@@ -119,3 +119,13 @@ def test_a_job_can_begin_with_a_toolpath(tmp_path, part, twincell, one_sentence)
     assert signed_volume(trimesh.load(job / "surface.ply", process=False)) > 0
     one_sentence(twincell("slice", job), "part.ply", "no such file")
     one_sentence(twincell("new", job / "toolpath.json", "-o", tmp_path / "c", "--longest", 10), "as it is")
+
+
+def test_gcode_of_a_scaled_model(tmp_path, part, twincell, one_sentence):
+    twincell("new", part, "-o", tmp_path / "job")
+    code, out, err = twincell("gcode", tmp_path / "job", "--scale", 12.5, "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["layers"] == 5
+    assert ";LAYER:4" in (tmp_path / "job" / "model.gcode").read_text()
+    one_sentence(twincell("gcode", tmp_path / "job", "--scale", 0), "--scale", "above 0")
+    one_sentence(twincell("gcode", tmp_path / "job", "--printer", "none"), "none")
