@@ -22,6 +22,7 @@ from twins import TwinsError, load_toolpath, read_surface, save_surface, toolpat
 
 from .demo import demo as run_demo
 from .errors import JobError
+from .exchanging import export_job, wrap_curves
 from .job import load_job
 from .new import new_job
 from .optimizing import optimize_surface, optimize_toolpath
@@ -83,6 +84,29 @@ class Side(StrEnum):
     BOTH = "both"
 
 
+class Subdivision(StrEnum):
+    """Schemes of subdivision surfaces."""
+
+    CATMULL_CLARK = "catmull-clark"
+    LOOP = "loop"
+
+
+class Planes(StrEnum):
+    """Planes that the curves of layers are in."""
+
+    NOZZLE = "nozzle"
+    SLICING = "slicing"
+
+
+class Exported(StrEnum):
+    """What of a job is written for others."""
+
+    CURVES = "curves"
+    SURFACE = "surface"
+    VOLUME = "volume"
+    BEADS = "beads"
+
+
 SIDES = {Side.IN: 1, Side.OUT: -1, Side.BOTH: 0}
 
 JobFolder = Annotated[Path, typer.Argument(metavar="JOB", help="the job folder")]
@@ -103,7 +127,9 @@ def demo(
 
 @app.command()
 def new(
-    part: Annotated[Path, typer.Argument(help="STL, PLY, OBJ or 3MF; or a toolpath.json")],
+    part: Annotated[
+        Path, typer.Argument(help="STL, PLY, OBJ, 3MF, STEP, 3DM, GLB or glTF; or a toolpath.json")
+    ],
     out: Annotated[Path, typer.Option("-o", "--out", metavar="JOB", help="the job folder to make")],
     cell: Annotated[
         str, typer.Option("--cell", help="a shipped cell or the path of a cell file")
@@ -111,7 +137,16 @@ def new(
     mix: Annotated[
         str, typer.Option("--mix", help="a shipped mix or the path of a mix file")
     ] = "fresh-mortar",
-    units: Annotated[Units, typer.Option(help="unit of the part file")] = Units.MM,
+    units: Annotated[
+        Units | None, typer.Option(help="unit of a part file that does not say its own; default mm")
+    ] = None,
+    chord: Annotated[
+        float, typer.Option(metavar="MM", help="how far the mesh may be from smooth surfaces")
+    ] = 0.1,
+    subdivide: Annotated[
+        Subdivision | None, typer.Option(help="the file holds the control mesh of such a surface")
+    ] = None,
+    levels: Annotated[int, typer.Option(help="of subdivision")] = 2,
     longest: Annotated[
         float | None, typer.Option(metavar="MM", help="scale the longest side to this")
     ] = None,
@@ -122,7 +157,8 @@ def new(
 ) -> None:
     """Make a job folder with a commented job.toml from a part file or a toolpath."""
     said = new_job(
-        part, out, cell=cell, mix=mix, units=units.value, longest=longest, up=up.value,
+        part, out, cell=cell, mix=mix, units=None if units is None else units.value, chord=chord,
+        subdivide=None if subdivide is None else subdivide.value, levels=levels, longest=longest, up=up.value,
         thickness=thickness, width=width, speed=speed,
     )  # fmt: skip
     for sentence in said:
@@ -298,6 +334,56 @@ def simulate_(
 def fea_(job: JobFolder, as_json: Json = False) -> None:
     """Mesh the printed volume, export it by layers, and solve it under its own weight."""
     _result(fea_job(load_job(job), errors if as_json else console), as_json)
+
+
+@app.command("wrap")
+def wrap_(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE…", help="curves in DXF, SVG, 3DM, JSON or CSV")
+    ],
+    at: Annotated[
+        Planes,
+        typer.Option(help="where the curves are: in the nozzle's planes, or sections halfway up layers"),
+    ] = Planes.NOZZLE,
+    units: Annotated[str | None, typer.Option(help="of files that do not say theirs: mm, m, in …")] = None,
+    thickness: Annotated[
+        float | None, typer.Option(metavar="MM", help="of the first layer; default that of the second")
+    ] = None,
+    close_within: Annotated[
+        float | None, typer.Option(metavar="MM", help="close open curves whose ends are as near as this")
+    ] = None,
+    tolerance: Annotated[
+        float | None, typer.Option(metavar="MM", help="how far a point may be off its layer's plane")
+    ] = None,
+    chord: Annotated[
+        float, typer.Option(metavar="MM", help="how far polylines may be from arcs and splines")
+    ] = 0.05,
+    up: Annotated[Up, typer.Option(help="the axis along which layers follow one another")] = Up.Z,
+    out: Annotated[Path, typer.Option("-o", "--out", help="the toolpath to write")] = Path("toolpath.json"),
+    as_json: Json = False,
+) -> None:
+    """Put curves in layers, parallel, fanned or freely tilted, and write them as a toolpath."""
+    values = wrap_curves(
+        files, out, at=at.value, units=units, thickness=thickness, close_within=close_within, tolerance=tolerance,
+        chord=chord, up=up.value,
+    )  # fmt: skip
+    _result(values, as_json)
+
+
+@app.command("export")
+def export_(
+    job: JobFolder,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="DXF, 3DM, JSON, CSV; STL, PLY, OBJ, 3MF, 3DM, GLB, glTF")
+    ],
+    what: Annotated[
+        Exported | None, typer.Option(help="default curves, or M where the format holds surfaces")
+    ] = None,
+    at: Annotated[Planes, typer.Option(help="the planes that curves are written in")] = Planes.NOZZLE,
+    as_json: Json = False,
+) -> None:
+    """Write the job's curves, its surface M, the volume M' or its beads in a designer's format."""
+    _result(export_job(load_job(job), out, None if what is None else what.value, at.value), as_json)
 
 
 @app.command("gcode")

@@ -87,7 +87,7 @@ def _mesh_of_edited(job: Job, toolpath: Toolpath) -> ToolpathMesh:
     slicing = job.settings.slicing
     if job.part.is_file():
         surface = read_part(job)
-        planes = slicing.planes(float(np.asarray(surface.vertices)[:, 2].max()))
+        planes = slicing.planes(surface)
         original, _ = slice_reporting(surface, planes, slicing.resolution)
         if _same_planes(original, toolpath):
             edited = {i for i, (a, b) in enumerate(zip(original.layers, toolpath.layers, strict=True))

@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+import trimesh
 from pydantic import Field, field_validator
 
 from analysis import FeaSettings
 from planning import Cell, ConfigurationError, Mix, PrintSettings, load_cell, load_mix
 from planning.configuration import Table, find_configuration, parse_table, read_toml
-from twins import Plane, PlaneStack, Toolpath, fingerprint, layer_planes
+from twins import Plane, PlaneStack, Toolpath, adaptive_planes, fingerprint, layer_planes
 
 from .errors import JobError
 
@@ -37,11 +38,11 @@ class PartSettings(Table):
 
     Attributes:
         file: the part, relative to the job folder.
-        units: of the file.
+        units: of a file that does not state its own; default mm.
     """
 
     file: str = "part.ply"
-    units: Literal["mm", "m", "in"] = "mm"
+    units: Literal["mm", "m", "in"] | None = None
 
 
 class TopSettings(Table):
@@ -71,26 +72,39 @@ class SlicingSettings(Table):
         resolution: distance of points along the curves, mm; default the layer thickness.
         height: of the stack, mm; default the part's.
         top: top plane of rotary slicing; excludes `height`.
+        cusp: largest step that layers leave on the part, mm; layers are then as thick as its slope allows, from
+            `thinnest` to `thickest`. Without it all are alike.
+        thinnest, thickest: with `cusp`, mm; default half and one and a half of `thickness`.
     """
 
     thickness: Positive
     resolution: Positive | None = None
     height: Positive | None = None
     top: TopSettings | None = None
+    cusp: Positive | None = None
+    thinnest: Positive | None = None
+    thickest: Positive | None = None
 
-    def planes(self, part_height: float) -> PlaneStack:
-        """The planes of the layers above z = 0.
+    def planes(self, part: trimesh.Trimesh) -> PlaneStack:
+        """The planes of the layers of a part that stands on z = 0.
 
         Raises:
             PlanesError: no layers can be made so.
         """
+        top = self._top_of(part)
+        if self.cusp is None:
+            return layer_planes(Plane.horizontal(), top, self.thickness)
+        thinnest = 0.5 * self.thickness if self.thinnest is None else self.thinnest
+        thickest = 1.5 * self.thickness if self.thickest is None else self.thickest
+        return adaptive_planes(part, Plane.horizontal(), top, thinnest, thickest, self.cusp)
+
+    def _top_of(self, part: trimesh.Trimesh) -> Plane | float:
         if self.top is None:
-            return layer_planes(Plane.horizontal(), self.height or part_height, self.thickness)
+            return self.height or float(np.asarray(part.vertices)[:, 2].max())
         normal = np.array(self.top.normal, dtype=np.float64)
         # Any two directions square to the normal; the frames of a rotary stack come from the bed's.
         x_axis = np.cross(np.eye(3)[int(np.argmin(np.abs(normal)))], normal)
-        top = Plane(np.array(self.top.origin), x_axis, np.cross(normal, x_axis))
-        return layer_planes(Plane.horizontal(), top, self.thickness)
+        return Plane(np.array(self.top.origin), x_axis, np.cross(normal, x_axis))
 
 
 class JobSettings(Table):

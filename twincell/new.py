@@ -16,10 +16,11 @@ from twins import (
     repair_surface,
     save_surface,
     save_toolpath,
+    unit_of,
 )
 
 from .errors import JobError
-from .part import MM, check_size
+from .part import check_size
 
 UP = {
     "x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
@@ -32,7 +33,13 @@ UP = {
 def set_down(
     surface: trimesh.Trimesh, units: str, longest: float | None, up: str
 ) -> tuple[trimesh.Trimesh, list[str]]:
-    """A part as it stands on the bed: in mm, repaired, the named axis up, its footprint's middle at the origin.
+    """A part as it stands on the bed: repaired, the named axis up, its footprint's middle at the origin.
+
+    Args:
+        surface: in mm.
+        units: that its file was read in, for messages.
+        longest: scales the longest side to this, mm.
+        up: the file's axis that points up.
 
     Returns:
         the part, and one sentence for each repair.
@@ -40,7 +47,7 @@ def set_down(
     Raises:
         SurfaceError: it does not bound a solid, or its size tells of another unit.
     """
-    vertices = np.asarray(surface.vertices) * MM[units] @ UP[up].T
+    vertices = np.asarray(surface.vertices) @ UP[up].T
     extent = float(np.ptp(vertices, axis=0).max())
     if longest is not None:
         if not (longest > 0 and np.isfinite(longest)):
@@ -59,7 +66,10 @@ def new_job(
     *,
     cell: str,
     mix: str,
-    units: str = "mm",
+    units: str | None = None,
+    chord: float = 0.1,
+    subdivide: str | None = None,
+    levels: int = 2,
     longest: float | None = None,
     up: str = "z",
     thickness: float = 10.0,
@@ -67,6 +77,17 @@ def new_job(
     speed: float = 80.0,
 ) -> list[str]:
     """Make a job folder with a commented job.toml.
+
+    Args:
+        part: STL, PLY, OBJ, 3MF, STEP, 3DM or glTF; or a toolpath.json.
+        folder: to make.
+        cell, mix: shipped ones, or paths.
+        units: of a file that does not say its own; default mm.
+        chord, subdivide, levels: as in `twins.read_surface`.
+        longest: scales the part's longest side to this, mm.
+        up: the file's axis that points up.
+        thickness, width: of layers and beads, mm.
+        speed: of printing, mm/s.
 
     Returns:
         one sentence for each repair of the part.
@@ -83,7 +104,7 @@ def new_job(
     load_cell(cell, folder)
     load_mix(mix, folder)
     if part.suffix.lower() == ".json":
-        if units != "mm" or longest is not None or up != "z":
+        if units is not None or longest is not None or up != "z":
             raise JobError(f"{part}: a toolpath is taken as it is; leave out --units, --longest and --up")
         toolpath = load_toolpath(part)
         said: list[str] = []
@@ -92,12 +113,14 @@ def new_job(
         save_toolpath(toolpath, folder / "toolpath.json")
         table = f"# none: toolpath.json came from {part.name}"
     else:
+        stated = unit_of(part) or units or "mm"
         try:
-            surface, said = set_down(read_surface(part), units, longest, up)
+            read = read_surface(part, unit=units, chord=chord, subdivide=subdivide, levels=levels)
+            surface, said = set_down(read, stated, longest, up)
         except SurfaceError as error:
             raise SurfaceError(f"{part}: {error}") from None
         folder.mkdir(parents=True, exist_ok=True)
-        changes = [f"from {part.name}, read in {units}, {up} up", *said]
+        changes = [f"from {part.name}, read in {stated}, {up} up", *said]
         save_surface(surface, folder / "part.ply", changes)
         size = " × ".join(f"{s:.1f}" for s in np.ptp(np.asarray(surface.vertices), axis=0))
         table = "\n".join(
@@ -112,6 +135,8 @@ def new_job(
             cell=_reference(cell),
             mix=_reference(mix),
             thickness=thickness,
+            thinner=f"{0.5 * thickness:g}",
+            thicker=f"{1.5 * thickness:g}",
             width=width,
             speed=speed,
         ),
@@ -142,6 +167,9 @@ units = "mm"
 thickness = {thickness}
 # resolution = {thickness}      # distance of points along the curves; default: the layer thickness
 # height = 300.0         # of the stack of layers; default: the part's
+# cusp = 2.0             # largest step that layers leave on the part: thinner layers where it is flat
+# thinnest = {thinner}         # with cusp
+# thickest = {thicker}        # with cusp
 # For rotary layers, fanned between the bed and a tilted top plane above the part:
 # top = {{ origin = [0.0, 0.0, 400.0], normal = [-0.2, 0.0, 1.0] }}
 

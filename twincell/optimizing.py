@@ -32,6 +32,7 @@ from twins import (
     save_surface,
     save_toolpath,
     smooth,
+    unit_of,
 )
 
 from .edited import follow_edited, is_edited
@@ -105,7 +106,7 @@ def optimize_surface(
         raise JobError(f"{job.part}: only a PLY can be written back; 'twincell new' makes a job with one")
     surface = read_part(job)
     heights = np.asarray(surface.vertices)[:, 2]
-    planes = job.settings.slicing.planes(float(heights.max()))
+    planes = job.settings.slicing.planes(surface)
     locked = lock_plane(surface, Plane.horizontal(lock_below))
     if lock_above is not None:
         locked |= heights >= lock_above
@@ -129,7 +130,7 @@ def optimize_surface(
     before = _aside(job.part, "before")
     if moved:
         relaxed = make_surface(
-            np.asarray(result.surface.vertices) / MM[job.settings.part.units], result.surface.faces
+            np.asarray(result.surface.vertices) / MM[job.settings.part.units or "mm"], result.surface.faces
         )
         # Copied, not renamed: a disk that is full leaves the part where it was.
         shutil.copy2(job.part, before)
@@ -186,7 +187,7 @@ def optimize_toolpath(
     width = job.settings.print.width
     d = width if min_distance is None else min_distance
     radius = 0.5 * width if min_radius is None else min_radius
-    zones = _zones(protect, MM[job.settings.part.units])
+    zones = _zones(protect, job.settings.part.units)
     for nothing in zones.idle(toolpath) if protect else ():
         LOG.warning("--protect: %s", nothing)
     values: dict[str, Any] = {}
@@ -271,8 +272,8 @@ def _degrees(turns: Sequence[float]) -> float:
     return round(math.degrees(max(turns, default=0.0)), 2)
 
 
-def _zones(files: Sequence[Path], unit: float) -> Zones:
-    """Zones from files: meshes in the part's unit, in mm, and polygons in mm."""
+def _zones(files: Sequence[Path], unit: str | None) -> Zones:
+    """Zones from files: meshes in their own unit or else the part's, and polygons in mm."""
     polygons: list[Any] = []
     solids = []
     for file in files:
@@ -280,8 +281,7 @@ def _zones(files: Sequence[Path], unit: float) -> Zones:
             if file.suffix.lower() == ".json":
                 polygons += _polygons(file)
             else:
-                solid = read_surface(file)
-                solids.append(make_surface(np.asarray(solid.vertices) * unit, solid.faces))
+                solids.append(read_surface(file, unit=None if unit_of(file) else unit))
                 Zones(solids=solids[-1:])
         except TwinsError as error:
             raise error if str(file) in str(error) else type(error)(f"{file}: {error}") from None

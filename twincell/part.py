@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import trimesh
 
-from twins import SurfaceError, check_surface, make_surface, read_surface
+from twins import SurfaceError, check_surface, read_surface, unit_of
 
 from .job import Job
 
@@ -27,12 +27,10 @@ def read_part(job: Job) -> trimesh.Trimesh:
         FormatError: it cannot be read.
         SurfaceError: it does not bound a solid, has an unlikely size, or lies below the bed.
     """
-    surface = read_surface(job.part)
-    factor = MM[job.settings.part.units]
-    surface = make_surface(np.asarray(surface.vertices) * factor, surface.faces)
+    surface = read_surface(job.part, unit=job.settings.part.units)
     try:
         check_surface(surface)
-        check_size(surface, job.settings.part.units)
+        check_size(surface, job.settings.part.units or unit_of(job.part) or "mm")
     except SurfaceError as error:
         raise SurfaceError(f"{job.part}: {error}") from None
     bottom = float(np.asarray(surface.vertices)[:, 2].min())

@@ -50,7 +50,7 @@ def slice_job(job: Job) -> Sliced:
     surface = read_part(job)
     slicing = job.settings.slicing
     try:
-        planes = slicing.planes(float(np.asarray(surface.vertices)[:, 2].max()))
+        planes = slicing.planes(surface)
         toolpath, remarks = slice_reporting(surface, planes, slicing.resolution)
         over = planes.nozzle[-1].height_of(np.asarray(surface.vertices))
         if float(over.max()) > FIT * planes.thickness:

@@ -1,5 +1,6 @@
 """The twin engine: surface ⇄ toolpath."""
 
+from .adaptive_planes import adaptive_planes
 from .curves.bead_overlap import BeadOverlap, bead_overlap
 from .curves.bead_width import BeadCover, WidthVariation, bead_cover, vary_width
 from .curves.close_points import Spacing, spacing
@@ -11,6 +12,10 @@ from .curves.zones import Zones
 from .errors import FormatError, PlanesError, SurfaceError, ToolpathError, TwinsError
 from .exchange import fingerprint, inputs_of, load_toolpath, save_surface, save_toolpath
 from .extrusion import bead_outlines, extrude
+from .formats.curves import read_curves, save_curves
+from .formats.reading import unit_of
+from .formats.unwrapped import save_unwrapped
+from .formats.writing import write_surface
 from .layered import LayeredMesh, layered_mesh
 from .overhang.balance import GlobalOverhang, global_overhang
 from .overhang.distribution import OverhangDistribution, overhang_distribution
@@ -31,11 +36,18 @@ from .regions.offsetting import OffsetResult, offset
 from .regions.outlines import oriented, regions_of
 from .regions.simplify_regions import simplify_regions
 from .repair import repair_surface
+from .shaping.end_faces import orient_to_slice, set_down
+from .shaping.remeshing import remesh
+from .shaping.splitting import split
+from .shaping.trimming import trim
 from .slicing import slice_reporting, slice_surface
 from .surface import check_surface, make_surface, read_surface, signed_volume
 from .toolpath import Curve, Layer, Plane, Toolpath
 from .twin import Twin
 from .visual import visual_mesh
+from .wrapping.space_curve import SpaceCurve
+from .wrapping.unwrapping import UnwrappedCurve, unwrap
+from .wrapping.wrapping import Wrapped, wrap
 
 __all__ = [
     "BeadCover",
@@ -60,6 +72,7 @@ __all__ = [
     "PlanesError",
     "Reference",
     "Smoothed",
+    "SpaceCurve",
     "Spacing",
     "SurfaceError",
     "SurfaceOverhang",
@@ -68,8 +81,11 @@ __all__ = [
     "ToolpathMesh",
     "Twin",
     "TwinsError",
+    "UnwrappedCurve",
     "WidthVariation",
+    "Wrapped",
     "Zones",
+    "adaptive_planes",
     "bead_cover",
     "bead_outlines",
     "bead_overlap",
@@ -101,31 +117,43 @@ __all__ = [
     "mirror",
     "move",
     "offset",
+    "orient_to_slice",
     "oriented",
     "overhang_distribution",
+    "read_curves",
     "read_surface",
     "reconstruct",
     "regions_of",
     "relax_overhang",
     "relieve_overfill",
+    "remesh",
     "reorder",
     "repair_surface",
     "resample",
     "reverse",
     "rotate",
+    "save_curves",
     "save_surface",
     "save_toolpath",
+    "save_unwrapped",
     "scale",
+    "set_down",
     "signed_volume",
     "simplify_regions",
     "slice_reporting",
     "slice_surface",
     "smooth",
     "spacing",
+    "split",
     "split_layers",
     "surface_overhang",
     "toolpath_mesh",
+    "trim",
     "union",
+    "unit_of",
+    "unwrap",
     "vary_width",
     "visual_mesh",
+    "wrap",
+    "write_surface",
 ]

@@ -81,6 +81,43 @@ def layer_planes(bed: Plane, top: Plane | float, thickness: float) -> PlaneStack
     """
     if not thickness > 0 or not math.isfinite(thickness):
         raise PlanesError(f"the layer thickness must be above 0 mm, not {thickness}")
+    way = way_up(bed, top, thickness)
+    count = layer_count(way.height, thickness)
+    step = way.height / count
+    if way.axis is None:
+        slicing = tuple(raised(bed, (k + 0.5) * step) for k in range(count))
+        nozzle = tuple(raised(bed, (k + 1.0) * step) for k in range(count))
+    else:
+        slicing = tuple(turned(bed, way.axis, way.angle * ((k + 0.5) / count)) for k in range(count))
+        nozzle = tuple(turned(bed, way.axis, way.angle * ((k + 1.0) / count)) for k in range(count))
+    return PlaneStack(bed, slicing, nozzle, step, way.axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How the bed plane gets to the top plane.
+
+    Attributes:
+        height: of parallel planes their distance, of others the arc that the bed's origin travels, mm.
+        axis: that it turns about; None where it is raised.
+        angle: that it turns by, rad.
+    """
+
+    height: float
+    axis: Axis | None = None
+    angle: float = 0.0
+
+    def at(self, bed: Plane, height: float) -> Plane:
+        """The plane that the bed has become where its origin has travelled so far, mm."""
+        return raised(bed, height) if self.axis is None else turned(bed, self.axis, height / self.axis.radius)
+
+
+def way_up(bed: Plane, top: Plane | float, thickness: float) -> Way:
+    """The way from a bed to a top plane, or to a height, that layers of a thickness fit into.
+
+    Raises:
+        PlanesError: as of `layer_planes`.
+    """
     if isinstance(top, Plane):
         if float(bed.normal @ top.normal) <= 0.0:
             angle = math.degrees(math.acos(max(-1.0, float(bed.normal @ top.normal))))
@@ -94,18 +131,18 @@ def layer_planes(bed: Plane, top: Plane | float, thickness: float) -> PlaneStack
         height = float(top)
     if not height > 0 or not math.isfinite(height):
         raise PlanesError(f"the top plane must lie above the bed, not at a height of {height:.6g} mm")
-    count = layer_count(height, thickness)
-    step = height / count
+    return Way(height)
 
-    def raised(distance: float) -> Plane:
-        return Plane(bed.origin + distance * bed.normal, bed.x_axis, bed.y_axis)
 
-    return PlaneStack(
-        base=bed,
-        slicing=tuple(raised((k + 0.5) * step) for k in range(count)),
-        nozzle=tuple(raised((k + 1.0) * step) for k in range(count)),
-        thickness=step,
-    )
+def raised(bed: Plane, distance: float) -> Plane:
+    """The plane moved along its normal, mm."""
+    return Plane(bed.origin + distance * bed.normal, bed.x_axis, bed.y_axis)
+
+
+def turned(bed: Plane, axis: Axis, angle: float) -> Plane:
+    """The plane turned about an axis, rad."""
+    R = _rotation(axis.direction, angle)
+    return Plane(axis.point + R @ (bed.origin - axis.point), R @ bed.x_axis, R @ bed.y_axis)
 
 
 def layer_count(height: float, thickness: float) -> int:
@@ -129,7 +166,7 @@ def custom_planes(base: Plane, slicing: Sequence[Plane], nozzle: Sequence[Plane]
     return PlaneStack(base, tuple(slicing), tuple(nozzle), float(np.mean(gaps)) if gaps else 0.0)
 
 
-def _rotary(bed: Plane, top: Plane, thickness: float) -> PlaneStack:
+def _rotary(bed: Plane, top: Plane, thickness: float) -> Way:
     direction = np.cross(bed.normal, top.normal)
     sine = float(np.linalg.norm(direction))
     direction = direction / sine
@@ -150,19 +187,7 @@ def _rotary(bed: Plane, top: Plane, thickness: float) -> PlaneStack:
             f"the bed and the top plane meet {radius:.6g} mm from the bed's origin, too near for a layer of "
             f"{thickness:.6g} mm; move the top plane up, or tilt it less"
         )
-    count = layer_count(radius * angle, thickness)
-
-    def turned_by(share: float) -> Plane:
-        R = _rotation(direction, angle * share)
-        return Plane(point + R @ (bed.origin - point), R @ bed.x_axis, R @ bed.y_axis)
-
-    return PlaneStack(
-        base=bed,
-        slicing=tuple(turned_by((k + 0.5) / count) for k in range(count)),
-        nozzle=tuple(turned_by((k + 1.0) / count) for k in range(count)),
-        thickness=radius * angle / count,
-        axis=Axis(point, direction, radius),
-    )
+    return Way(radius * angle, Axis(point, direction, radius), angle)
 
 
 def _rotation(direction: Array, angle: float) -> Array:

@@ -7,15 +7,16 @@ points. This file is the doorway: whatever comes in leaves as such a surface, or
 from __future__ import annotations
 
 import logging
-import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
 from .errors import FormatError, SurfaceError
+from .formats.polygons import Polygons, factor_to_mm
+from .formats.reading import check_file, read_polygons
+from .formats.subdivision import subdivide as divided
 from .holes import boundary_loops, hole_at
 from .mesh_edges import edge_faults, equal_rows, middle_of
 from .toolpath import FAR
@@ -27,8 +28,6 @@ Flags = npt.NDArray[np.bool_]
 # trimesh logs whole tracebacks of what it cannot read; without a handler Python prints them.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
-SUFFIXES = (".stl", ".ply", ".obj", ".3mf")
-
 
 def make_surface(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> trimesh.Trimesh:
     """A mesh of the given vertices, shape (n, 3), and triangles, shape (m, 3), left as they are."""
@@ -37,49 +36,70 @@ def make_surface(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> trimesh.Trime
     )
 
 
-def read_surface(path: Path | str) -> trimesh.Trimesh:
-    """The mesh in an STL, PLY, OBJ or 3MF file, in the file's unit, with equal vertices merged.
+def read_surface(
+    path: Path | str,
+    *,
+    unit: str | None = None,
+    chord: float = 0.1,
+    subdivide: str | None = None,
+    levels: int = 2,
+) -> trimesh.Trimesh:
+    """The surface in an STL, PLY, OBJ, 3MF, glTF, STEP or 3DM file, with equal vertices merged.
+
+    It comes in mm where the file states its unit (3MF, glTF, STEP, 3DM) or `unit` is given, else as it stands.
+
+    Args:
+        path: of the file; its ending tells the format.
+        unit: "mm", "cm", "m", "in", …, of a file that does not say so itself.
+        chord: how far the mesh may lie off the smooth surfaces of STEP and 3DM, mm.
+        subdivide: "catmull-clark" or "loop" where the file holds the control mesh of a subdivision surface.
+        levels: how often every face of the control mesh is divided.
 
     Raises:
-        FormatError: no such file, an unknown ending, a file that holds no triangles or a point beyond 1 km.
+        FormatError: no such file, an unknown ending, a file that holds no triangles or a point beyond 1 km; `unit`
+            contradicts the file.
+        SurfaceError: `chord`, `subdivide` or `levels` cannot be; the control mesh has an edge of three faces.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise FormatError(
-            f"{path}: unknown ending '{path.suffix}'; a part is read from {', '.join(SUFFIXES)}"
-        )
-    if not path.is_file():
-        raise FormatError(f"{path}: no such file")
-    try:
-        # What is wrong with the numbers of a broken file is said below, not by NumPy's warnings.
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            loaded: Any = trimesh.load(path, process=False, force="mesh", skip_materials=True)
-            vertices, faces = (
-                np.asarray(loaded.vertices, dtype=np.float64),
-                np.asarray(loaded.faces, dtype=np.int64),
+    check_file(path)
+    if not (np.isfinite(chord) and chord > 0):
+        raise SurfaceError(f"{path}: the chord tolerance must be above 0 mm, not {chord}")
+    factor_to_mm(path, None, unit)
+    mesh = read_polygons(path, unit, chord, polygons=subdivide == "catmull-clark")
+    factor = factor_to_mm(path, mesh.unit, unit)
+    _check_polygons(mesh, path, factor)
+    if subdivide is not None:
+        if mesh.exact:
+            raise FormatError(
+                f"{path}: holds smooth surfaces; leave subdivision out, or give their control mesh"
             )
-    except Exception as error:
-        raise FormatError(
-            f"{path}: cannot be read as {path.suffix[1:].upper()}: {_first_line(error)}"
-        ) from error
-    if len(faces) == 0 or len(vertices) == 0:
-        raise FormatError(f"{path}: holds no triangles")
-    if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
-        raise FormatError(
-            f"{path}: its vertices do not have three coordinates each, or its faces three corners"
-        )
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        wrong = faces.max() if faces.min() >= 0 else faces.min()
-        raise FormatError(f"{path}: a face names vertex {wrong}, but there are {len(vertices)}")
-    if len(bad := np.flatnonzero(~(np.abs(vertices) <= FAR).all(axis=1))):
-        point = ", ".join(f"{value:.6g}" for value in vertices[bad[0]])
-        kind = "is not within 1 km" if np.isfinite(vertices[bad[0]]).all() else "is not a finite point"
-        raise FormatError(f"{path}: vertex {bad[0]} ({point}) {kind}; check the file, and its unit")
-    surface = welded(vertices, faces)
+        try:
+            mesh = divided(mesh, subdivide, levels)
+        except SurfaceError as error:
+            raise SurfaceError(f"{path}: {error}") from None
+    surface = welded(factor * mesh.vertices, mesh.triangles())
     if len(surface.faces) == 0:
         raise FormatError(f"{path}: all its triangles are degenerate")
     return surface
+
+
+def _check_polygons(mesh: Polygons, path: Path, factor: float) -> None:
+    """Refuse what cannot be a surface, in the words of its file."""
+    vertices = mesh.vertices
+    if len(vertices) == 0 or not any(len(block) for block in mesh.faces):
+        raise FormatError(f"{path}: holds no triangles")
+    if vertices.shape[1:] != (3,) or any(block.ndim != 2 or block.shape[1] < 3 for block in mesh.faces):
+        raise FormatError(
+            f"{path}: its vertices do not have three coordinates each, or its faces three corners"
+        )
+    named = np.concatenate([block.reshape(-1) for block in mesh.faces])
+    if named.min() < 0 or named.max() >= len(vertices):
+        wrong = named.max() if named.min() >= 0 else named.min()
+        raise FormatError(f"{path}: a face names vertex {wrong}, but there are {len(vertices)}")
+    if len(bad := np.flatnonzero(~(np.abs(factor * vertices) <= FAR).all(axis=1))):
+        point = ", ".join(f"{value:.6g}" for value in vertices[bad[0]])
+        kind = "is not within 1 km" if np.isfinite(vertices[bad[0]]).all() else "is not a finite point"
+        raise FormatError(f"{path}: vertex {bad[0]} ({point}) {kind}; check the file, and its unit")
 
 
 def welded(vertices: Array, faces: Faces) -> trimesh.Trimesh:
@@ -140,7 +160,3 @@ def signed_volume(surface: trimesh.Trimesh) -> float:
     corners = np.asarray(surface.vertices)[np.asarray(surface.faces)]
     corners = corners - corners.reshape(-1, 3).mean(axis=0)
     return float(np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6.0)
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]

@@ -129,3 +129,23 @@ def test_gcode_of_a_scaled_model(tmp_path, part, twincell, one_sentence):
     assert ";LAYER:4" in (tmp_path / "job" / "model.gcode").read_text()
     one_sentence(twincell("gcode", tmp_path / "job", "--scale", 0), "--scale", "above 0")
     one_sentence(twincell("gcode", tmp_path / "job", "--printer", "none"), "none")
+
+
+def test_layers_are_thinner_where_the_part_is_flat(tmp_path, part, twincell):
+    job = tmp_path / "job"
+    twincell("new", part, "-o", job, "--thickness", 8)
+    settings = job / "job.toml"
+    settings.write_text(settings.read_text().replace("# cusp = 2.0", "cusp = 4.0"))
+    assert twincell("plan", job)[0] == 0
+    toolpath = load_toolpath(job / "toolpath.json")
+    heights = np.diff([0.0, *(layer.nozzle.origin[2] for layer in toolpath.layers)])
+    assert heights.sum() == pytest.approx(50.0, abs=1e-6)
+    assert (heights >= 4.0 - 1e-9).all()
+    assert (heights <= 12.0 + 1e-9).all()
+    # A lying torus is steep halfway up, and flat above and below.
+    middle = len(heights) // 2
+    assert heights[middle] > 1.5 * max(heights[0], heights[-1])
+    program = Program.load(job / "program.npz")
+    printing = program.layer >= 0
+    assert program.height[printing].min() < 5.0
+    assert program.height[printing].max() > 8.0

@@ -289,7 +289,7 @@ def test_slits_and_idle_faces():
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
-        ("part.step", b"ISO-10303-21;", "unknown ending"),
+        ("part.dwg", b"AC1027", "unknown ending"),
         ("part.stl", b"", "part.stl"),
         ("part.obj", b"v 0 0 0\n", "part.obj"),
         ("part.ply", b"not a ply", "part.ply"),

@@ -1,0 +1,1 @@
+"""Curves in space and the toolpath: wrapped into layers, and unwrapped again."""
