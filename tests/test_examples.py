@@ -74,7 +74,28 @@ def anchor_plates_hold(figures):
     assert figures["largest overhang d/t, joint"] < figures["largest overhang d/t, united without sills"]
 
 
-CHECKS = {"springer": springer_is_better, "anchor_plates": anchor_plates_hold}
+def sections_become_a_print(figures):
+    assert figures["layers found"] == figures["sections"] == 4
+    assert figures["Euler characteristic"] == 2
+    assert figures["volume remeshed, l"] == pytest.approx(figures["volume of M, l"], rel=0.03)
+    assert figures["layers sliced"] > 15
+
+
+def node_is_an_assembly(figures):
+    assert figures["parts"] == 4
+    assert figures["Euler characteristic"] == 2
+    assert figures["volume of its parts, l"] == pytest.approx(figures["volume of the node, l"], rel=0.005)
+    assert figures["lowest point of a part, mm"] >= -1e-6
+    # The node is a tube of radius 40 for most of its length, less what the sections' chords leave out.
+    assert figures["volume of the node, l"] > 3.0
+
+
+CHECKS = {
+    "springer": springer_is_better,
+    "anchor_plates": anchor_plates_hold,
+    "sparse_sections": sections_become_a_print,
+    "branching_node": node_is_an_assembly,
+}
 
 
 def test_the_examples_are_found():
