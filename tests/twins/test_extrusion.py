@@ -199,7 +199,7 @@ def test_whatever_can_be_printed_gives_closed_manifolds(printable, rounded):
     ("name", "rotary", "width"),
     [
         ("torus standing", False, 20.0),
-        ("porous column", True, 25.0),
+        pytest.param("porous column", True, 25.0, marks=pytest.mark.soak),
         ("Y-branch", True, 30.0),
         ("nested cavity", True, 20.0),
     ],

@@ -86,7 +86,7 @@ def test_a_wall_of_equal_layers_has_the_volume_of_its_ring(width):
     assert set(mesh.layer) == {0, 1, 2, 3}
 
 
-@pytest.mark.parametrize("name", ["spiral vase", "porous column"])
+@pytest.mark.parametrize("name", ["spiral vase", pytest.param("porous column", marks=pytest.mark.soak)])
 def test_bars_of_the_reference_shapes(name):
     check_all(sliced(REFERENCE[name]()), 20.0)
 
