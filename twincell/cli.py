@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +19,15 @@ from planning import Finding, PlanningError, Severity, load_cell
 from robot import RobotError
 from twins import TwinsError, load_toolpath, read_surface, save_surface, toolpath_mesh
 
+from .choices import (
+    Against,
+    Exported,
+    Planes,
+    Side,
+    Subdivision,
+    Units,
+    Up,
+)
 from .demo import demo as run_demo
 from .errors import JobError
 from .exchanging import export_job, wrap_curves
@@ -51,60 +59,6 @@ INTERRUPTED = 130
 """Exit code that the command line library gives a Ctrl-C."""
 
 EXPECTED = (TwinsError, PlanningError, RobotError, AnalysisError, JobError)
-
-
-class Units(StrEnum):
-    """Units of a part file."""
-
-    MM = "mm"
-    M = "m"
-    IN = "in"
-
-
-class Up(StrEnum):
-    """Axis of a part file that points up."""
-
-    X = "x"
-    Y = "y"
-    Z = "z"
-
-
-class Against(StrEnum):
-    """What overhang is measured against."""
-
-    GROUND = "ground"
-    LAYER = "layer"
-
-
-class Side(StrEnum):
-    """To which side of itself a curve may be moved."""
-
-    IN = "in"
-    OUT = "out"
-    BOTH = "both"
-
-
-class Subdivision(StrEnum):
-    """Schemes of subdivision surfaces."""
-
-    CATMULL_CLARK = "catmull-clark"
-    LOOP = "loop"
-
-
-class Planes(StrEnum):
-    """Planes that the curves of layers are in."""
-
-    NOZZLE = "nozzle"
-    SLICING = "slicing"
-
-
-class Exported(StrEnum):
-    """What of a job is written for others."""
-
-    CURVES = "curves"
-    SURFACE = "surface"
-    VOLUME = "volume"
-    BEADS = "beads"
 
 
 SIDES = {Side.IN: 1, Side.OUT: -1, Side.BOTH: 0}
