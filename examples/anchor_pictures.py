@@ -1,4 +1,4 @@
-"""Pictures for anchor_plates.py: the curves of one layer, toolpaths, the printed volume, tetrahedra cut open."""
+"""Pictures for fig15_anchor_plates.py: the curves of one layer, toolpaths, the printed volume, tetrahedra cut open."""
 
 from __future__ import annotations
 

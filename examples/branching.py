@@ -1,4 +1,4 @@
-"""The part of `springer.py`: a branching vault springer as a subdivision surface.
+"""The part of `fig14_springer.py`: a branching vault springer as a subdivision surface.
 
 A cage of quadrilaterals, a tube with six corners that becomes three tubes with four, is subdivided after Catmull and
 Clark. Its straight axis is then bent to an arc, so that levels of the cage become planes through the arc's axis: the

@@ -91,10 +91,10 @@ def node_is_an_assembly(figures):
 
 
 CHECKS = {
-    "springer": springer_is_better,
-    "anchor_plates": anchor_plates_hold,
-    "sparse_sections": sections_become_a_print,
-    "branching_node": node_is_an_assembly,
+    "fig14_springer": springer_is_better,
+    "fig15_anchor_plates": anchor_plates_hold,
+    "fig17_sparse_sections": sections_become_a_print,
+    "fig18_branching_node": node_is_an_assembly,
 }
 
 

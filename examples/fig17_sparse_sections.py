@@ -1,6 +1,6 @@
 """A shell from four sections: curves in no order become layers, a surface, and a print (seed paper, Figure 17).
 
-    python examples/sparse_sections.py [--out FOLDER] [--quick]
+    python examples/fig17_sparse_sections.py [--out FOLDER] [--quick]
 
 Four closed curves are all that is drawn, in any order and direction. `wrap` finds the layers that they are; the
 surface through them is reconstructed, remeshed, and sliced again in layers of a print.
@@ -115,7 +115,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("out/examples/sparse_sections"))
+    parser.add_argument("--out", type=Path, default=Path("out/examples/fig17_sparse_sections"))
     parser.add_argument("--quick", action="store_true", help="a smaller version")
     arguments = parser.parse_args()
     main(arguments.out, arguments.quick)

@@ -1,6 +1,6 @@
 """A branching node from section curves, printed as an assembly (seed paper, Figure 18).
 
-    python examples/branching_node.py [--out FOLDER] [--quick]
+    python examples/fig18_branching_node.py [--out FOLDER] [--quick]
 
 Sections of a trunk and three arms are united layer by layer, wrapped in layers, and turned into one surface. Each arm
 is trimmed square to its axis and cut off; every part is set down on a flat end and sliced by itself.
@@ -172,7 +172,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("out/examples/branching_node"))
+    parser.add_argument("--out", type=Path, default=Path("out/examples/fig18_branching_node"))
     parser.add_argument("--quick", action="store_true", help="a smaller version")
     arguments = parser.parse_args()
     main(arguments.out, arguments.quick)

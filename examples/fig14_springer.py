@@ -4,7 +4,7 @@ The springer stands on a bed and branches into three arms that end in a tilted p
 vault bear on them. Its surface is relaxed until nothing leans out too far, sliced in rotary layers between bed and
 top, and in the toolpath runs that are too close are moved apart and sharp turns rounded.
 
-    python examples/springer.py [--out out/examples/springer] [--quick]
+    python examples/fig14_springer.py [--out out/examples/fig14_springer] [--quick]
 """
 
 from __future__ import annotations
@@ -390,7 +390,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--out", type=Path, default=Path("out/examples/springer"))
+    parser.add_argument("--out", type=Path, default=Path("out/examples/fig14_springer"))
     parser.add_argument("--quick", action="store_true", help="a reduced size")
     chosen = parser.parse_args()
     main(chosen.out, chosen.quick)

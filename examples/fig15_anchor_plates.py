@@ -11,7 +11,7 @@ Section 5.2 of the seed paper (Figure 15, points 7 to 11) on a springer of our o
    from springer or ears. Holes and sills stay to the bit, layers above the ears the objects that they were.
 5. The twin's surface follows; the printed volume M' and its tetrahedra, with the nodes at the bolts, are made.
 
-Run `python examples/anchor_plates.py`; pictures and meshes land in out/examples/anchor_plates.
+Run `python examples/fig15_anchor_plates.py`; pictures and meshes land in out/examples/fig15_anchor_plates.
 """
 
 from __future__ import annotations
@@ -353,7 +353,7 @@ class Clock:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--out", type=Path, default=Path("out/examples/anchor_plates"))
+    parser.add_argument("--out", type=Path, default=Path("out/examples/fig15_anchor_plates"))
     parser.add_argument("--quick", action="store_true")
     arguments = parser.parse_args()
     main(arguments.out, arguments.quick)
