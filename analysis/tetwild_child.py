@@ -19,6 +19,7 @@ from pytetwild.pytetwild import tetrahedralize
 def main(source: Path, target: Path) -> None:
     """Read points, faces and parameters from `source`, write the points and tetrahedra to `target`."""
     _die_with_parent()
+    _die_first()
     with np.load(source, allow_pickle=False) as given:
         points, tets = tetrahedralize(
             np.ascontiguousarray(given["points"], dtype=np.float64),
@@ -40,6 +41,12 @@ def _die_with_parent() -> None:
     # On Linux the kernel ends this process when its parent is killed without a chance to clean up.
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
+
+
+def _die_first() -> None:
+    # Where memory runs out, Linux ends this process and none that may be printing.
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
 
 
 if __name__ == "__main__":

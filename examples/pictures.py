@@ -351,3 +351,29 @@ def _raster(
                         u * C[f, 0, channel] + v * C[f, 1, channel] + w * C[f, 2, channel]
                     )
     return image, depth
+
+
+def draw_edges(
+    axes: Any, drawn: Drawn, points: Array, edges: Faces, *, within: float | None = None, **style: Any
+) -> LineCollection:
+    """Draw edges, shape (k, 2), between world points, shape (n, 3), where the surface as drawn does not hide them.
+
+    Edges are looked at in pieces about ten pixels long, and hidden where they lie more than `within` mm behind the
+    surface, default six pixels; style as of `LineCollection`.
+    """
+    ends = points[edges]
+    length = np.linalg.norm(
+        np.diff(drawn.view.project(ends.reshape(-1, 3)).reshape(-1, 2, 3)[..., :2], axis=1), axis=2
+    )
+    pieces = np.maximum(np.ceil(length[:, 0] / (10.0 * drawn.pixel)), 1.0).astype(np.int64)
+    owner = np.repeat(np.arange(len(edges)), pieces)
+    first = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    shares = np.stack([first, first + 0.5, first + 1.0], axis=1) / pieces[owner][:, None]
+    start, way = ends[owner, 0], ends[owner, 1] - ends[owner, 0]
+    placed = start[:, None] + shares[..., None] * way[:, None]
+    seen = drawn.shows(placed[:, 1], within=6.0 * drawn.pixel if within is None else within)
+    lines = drawn.view.project(placed[seen][:, [0, 2]].reshape(-1, 3)).reshape(-1, 2, 3)[..., :2]
+    options = {"colors": INK, "linewidths": 0.4, "capstyle": "round", "zorder": 2, **style}
+    collection = LineCollection(list(lines), **options)
+    axes.add_collection(collection)
+    return collection

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from twins import Reference, Toolpath, bead_overlap, local_overhang
+from twins import Toolpath
 
 from .cell import Cell
 from .finding import Finding, Severity
 from .mix import Mix
 from .program import Program, SegmentKind
+
+if TYPE_CHECKING:
+    from twins import Reference
 
 Array = npt.NDArray[np.float64]
 
@@ -51,6 +55,8 @@ def buildability(program: Program, cell: Cell, mix: Mix, toolpath: Toolpath) -> 
 def _overhang(
     program: Program, cell: Cell, mix: Mix, toolpath: Toolpath, reference: Reference, limit: float
 ) -> Iterator[Finding]:
+    from twins import local_overhang  # noqa: PLC0415 - it loads compiled kernels
+
     measured = local_overhang(toolpath, reference)
     share = measured.share_above(limit)
     if share <= LEAST:
@@ -74,6 +80,8 @@ def _overhang(
 
 
 def _overlap(program: Program, cell: Cell, toolpath: Toolpath) -> Iterator[Finding]:
+    from twins import bead_overlap  # noqa: PLC0415 - it loads compiled kernels
+
     # Curves without widths of their own were planned with one width.
     plain = program.of_kind(SegmentKind.PRINT) & _without_widths(program, toolpath)
     layers = bead_overlap(toolpath, float(program.width[plain].max(initial=0.0)) or 1.0)

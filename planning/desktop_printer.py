@@ -31,12 +31,14 @@ class PrinterBed(Table):
         height: of the room, mm.
         origin: where x = y = 0 is.
         margin: kept free along the edges, for clips and for what `start` primes there, mm.
+        safe_z: above clips and what `start` has primed: the first travel crosses there, mm.
     """
 
     size: tuple[Positive, Positive]
     height: Positive
     origin: Literal["corner", "centre"] = "corner"
     margin: NotNegative = 10.0
+    safe_z: Positive = 5.0
 
     @property
     def centre(self) -> Array:
@@ -52,6 +54,8 @@ class PrinterBed(Table):
     def _leaves_room(self) -> PrinterBed:
         if 2.0 * self.margin >= min(self.size):
             raise ValueError(f"a margin of {self.margin:g} mm leaves nothing of the bed")
+        if self.safe_z > self.height:
+            raise ValueError(f"safe_z = {self.safe_z:g} is above height = {self.height:g}")
         return self
 
 
@@ -61,7 +65,8 @@ class PrinterNozzle(Table):
     Attributes:
         diameter: of its bore, mm.
         width_min, width_max: bead widths that it lays, in bores.
-        height_max: thickest bead that it presses down, in bores.
+        height_min, height_max: thinnest bead that still comes out, and thickest that it presses down, in bores; no
+            bead may be higher than wide.
         max_tilt_deg: steepest layer that it prints without touching it with its cone, degrees from the bed.
         length: from the tip up to the hot end, mm.
         hot_end: side of a square around the nozzle that the hot end and its fan duct keep within, mm.
@@ -70,6 +75,7 @@ class PrinterNozzle(Table):
     diameter: Positive
     width_min: Positive = 0.8
     width_max: Positive = 2.0
+    height_min: Positive = 0.1
     height_max: Positive = 1.0
     max_tilt_deg: Annotated[float, Field(ge=0, lt=90)]
     length: Positive
@@ -80,10 +86,17 @@ class PrinterNozzle(Table):
         """Narrowest and widest bead, mm."""
         return self.width_min * self.diameter, self.width_max * self.diameter
 
+    @property
+    def heights(self) -> Vector2:
+        """Thinnest and thickest bead, mm."""
+        return self.height_min * self.diameter, self.height_max * self.diameter
+
     @model_validator(mode="after")
     def _ordered(self) -> PrinterNozzle:
         if self.width_min > self.width_max:
             raise ValueError(f"width_min = {self.width_min:g} is above width_max = {self.width_max:g}")
+        if self.height_min > self.height_max:
+            raise ValueError(f"height_min = {self.height_min:g} is above height_max = {self.height_max:g}")
         return self
 
 
@@ -150,8 +163,9 @@ class Flavour(Table):
         extrusion: E "absolute" (M82) or "relative" (M83).
         e_unit: E in mm of "filament" or in mm³ of "volume" (M200).
         comments: whether layers and curves are named in the file.
-        start, end: lines before and after the model; they heat, home and prime, and may name `PLACEHOLDERS` in braces
-            and, doubled, braces of their own. After `start` the nozzle is hot and primed.
+        start, end: lines before and after the model, which may name `PLACEHOLDERS` in braces and, doubled, braces of
+            their own. After `start` the nozzle is hot and primed, by lines or by a macro of the firmware; before `end`
+            the filament is drawn back and the nozzle lifted off.
     """
 
     firmware: Literal["marlin", "klipper", "reprapfirmware"]

@@ -17,7 +17,9 @@ import numpy.typing as npt
 from twins import Toolpath
 
 from .desktop_printer import DesktopPrinter
-from .scaled import ModelBead, ScaledModel, ratio, scaled_model
+from .model_bead import ModelBead
+from .model_scales import ratio
+from .scaled import ScaledModel, scaled_model
 
 Array = npt.NDArray[np.float64]
 
@@ -74,6 +76,7 @@ def model_gcode(model: ScaledModel, printer: DesktopPrinter) -> GcodeText:
             writer.go_to(bead.points[0], top)
             writer.lay(bead, speed)
             top = max(top, float(bead.points[:, 2].max()))
+    writer.retract(back=False)
     writer.move(None, top + printer.motion.hop, printer.motion.lift_speed)
     text = [*_head(model, printer, writer.duration), *writer.lines, *_tail(printer, top)]
     return GcodeText("\n".join(text) + "\n", writer.duration)
@@ -167,7 +170,11 @@ class _Writer:
             )
             return
         self.retract(back=False)
-        self.move(None, max(top, float(point[2])) + motion.hop, motion.lift_speed)
+        above = max(top, float(point[2])) + motion.hop
+        if math.isnan(distance):
+            # Where the start code has left the nozzle is not known, nor how high what it has primed stands.
+            above = max(above, self.printer.bed.safe_z)
+        self.move(None, above, motion.lift_speed)
         self.move(point[:2], None, motion.travel_speed)
         self.move(None, float(point[2]), motion.lift_speed)
         self.retract(back=True)
@@ -205,10 +212,12 @@ def _head(model: ScaledModel, printer: DesktopPrinter, duration: float) -> list[
     if flavour.comments:
         layers = len({bead.layer for bead in model.beads})
         size = " x ".join(f"{value:.1f}" for value in model.size)
+        name = " ".join(printer.name.encode("ascii", "replace").decode().split())
         lines = [
             f"; scaled model {ratio(model.scale)}, {layers} layers, {size} mm, about {duration / 60:.0f} min",
             f"; {model.volume / printer.filament_area * 1e-3:.2f} m of filament, {model.volume:.0f} mm3",
-            f"; for {' '.join(printer.name.encode('ascii', 'replace').decode().split())}",
+            f"; for {name}, bed {printer.bed.size[0]:g} x {printer.bed.size[1]:g} mm",
+            f"; needs {needs(model, printer)}",
         ]
     lines += _filled(flavour.start, printer, 0.0)
     # After the start code, which may have set its own; G90 first, because in Marlin it makes E absolute too.
@@ -216,6 +225,17 @@ def _head(model: ScaledModel, printer: DesktopPrinter, duration: float) -> list[
     if flavour.e_unit == "volume":
         lines.append(f"M200 D{printer.filament.diameter:g}")
     return [*lines, "G92 E0", "M107"]
+
+
+def needs(model: ScaledModel, printer: DesktopPrinter) -> str:
+    """The nozzle that a model is written for, which is seldom the one that a printer comes with, and its beads."""
+    width, height = _from_to(model.bead_width), _from_to(model.bead_height)
+    return f"a {printer.nozzle.diameter:g} mm nozzle: beads {width} wide, {height} high"
+
+
+def _from_to(lengths: tuple[float, float]) -> str:
+    least, most = (f"{length:.3g}" for length in lengths)
+    return f"{least} mm" if least == most else f"{least} to {most} mm"
 
 
 def _tail(printer: DesktopPrinter, top: float) -> list[str]:

@@ -11,6 +11,8 @@ from twins import Curve, Toolpath
 
 Array = npt.NDArray[np.float64]
 
+_ROUNDING = 1e-6  # of coordinates within 1 km, mm
+
 
 @dataclass(frozen=True)
 class Stop:
@@ -34,19 +36,31 @@ def print_order(toolpath: Toolpath) -> list[Stop]:
     order: list[Stop] = []
     place: Array | None = None
     for i, layer in enumerate(toolpath.layers):
-        waiting = dict(enumerate(layer.curves))
-        while waiting:
+        curves = [layer.nozzle.to_world(curve.points) for curve in layer.curves]
+        if not curves:
+            continue
+        middles = np.array([points.mean(axis=0) for points in curves])
+        radii = np.array(
+            [np.linalg.norm(points - m, axis=1).max() for points, m in zip(curves, middles, strict=True)]
+        )
+        waiting = np.ones(len(curves), dtype=bool)
+        for _ in curves:
             best: tuple[float, int, int] | None = None
-            for j, curve in waiting.items():
-                distance, start = _nearest_start(curve, layer.nozzle.to_world(curve.points), place)
-                if best is None or distance < best[0]:
+            # No point of a curve is nearer than the sphere around it: most curves need no look at their points.
+            near = np.zeros(len(curves)) if place is None else np.linalg.norm(middles - place, axis=1) - radii
+            near[~waiting] = np.inf
+            while near[j := int(near.argmin())] < np.inf and (best is None or near[j] <= best[0] + _ROUNDING):
+                near[j] = np.inf
+                distance, start = _nearest_start(layer.curves[j], curves[j], place)
+                if best is None or (distance, j) < best[:2]:
                     best = (distance, j, start)
             assert best is not None
             _, j, start = best
-            curve = waiting.pop(j)
+            waiting[j] = False
             order.append(Stop(i, j, start))
-            end = start if curve.closed else (len(curve.points) - 1 if start == 0 else 0)
-            place = layer.nozzle.to_world(curve.points[[end]])[0]
+            # A closed curve ends where it starts, an open one at its other end.
+            end = start if layer.curves[j].closed else (-1 if start == 0 else 0)
+            place = curves[j][end]
     return order
 
 

@@ -8,7 +8,9 @@ import sys
 def main() -> None:
     """Run the command line. A Ctrl-C while it is still being loaded is one sentence too."""
     try:
-        from .cli import main as run  # noqa: PLC0415 - loading takes seconds
+        from .cli import main as run  # noqa: PLC0415 - loading takes a moment
+
+        run()
     except KeyboardInterrupt:
         sys.stderr.write("stopped by Ctrl-C\n")
         raise SystemExit(1) from None
@@ -20,7 +22,6 @@ def main() -> None:
             "install twincell into an environment of its own\n"
         )
         raise SystemExit(1) from None
-    run()
 
 
 if __name__ == "__main__":

@@ -6,11 +6,18 @@ from enum import StrEnum
 
 
 class Units(StrEnum):
-    """Units of a part file."""
+    """Units of a file: those of `twins.formats.lengths`."""
 
+    UM = "um"
     MM = "mm"
+    CM = "cm"
+    DM = "dm"
     M = "m"
+    KM = "km"
+    MIL = "mil"
     IN = "in"
+    FT = "ft"
+    YD = "yd"
 
 
 class Up(StrEnum):

@@ -1,23 +1,23 @@
 """The command line.
 
 Exit codes: 0 done, 1 refused or failed with a reason on stderr, 2 usage.
+
+A command loads what it needs when it runs: everything takes seconds, which `--help` and a misspelt word need not wait.
 """
+# ruff: noqa: PLC0415 - see above
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import wraps
+from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-
-from analysis import AnalysisError
-from planning import Finding, PlanningError, Severity, load_cell
-from robot import RobotError
-from twins import TwinsError, load_toolpath, read_surface, save_surface, toolpath_mesh
 
 from .choices import (
     Against,
@@ -28,19 +28,9 @@ from .choices import (
     Units,
     Up,
 )
-from .demo import demo as run_demo
-from .errors import JobError
-from .exchanging import export_job, wrap_curves
-from .job import load_job
-from .new import new_job
-from .optimizing import optimize_surface, optimize_toolpath
-from .overhang_pictures import draw_overhangs
-from .overhangs import overhangs_of
-from .printing import print_job, simulate_cell
-from .report import draw, summarise, write_summary
-from .scaled_model import gcode_job
-from .stages import checked, plan_job, planned, slice_job
-from .structural import fea_job
+
+if TYPE_CHECKING:
+    from planning import Finding
 
 app = typer.Typer(
     help="Controller for robot cells that print concrete.",
@@ -58,8 +48,8 @@ errors = Console(stderr=True)
 INTERRUPTED = 130
 """Exit code that the command line library gives a Ctrl-C."""
 
-EXPECTED = (TwinsError, PlanningError, RobotError, AnalysisError, JobError)
-
+SHOWN = 12
+"""Items of a list that are shown to people."""
 
 SIDES = {Side.IN: 1, Side.OUT: -1, Side.BOTH: 0}
 
@@ -70,12 +60,29 @@ TimeScale = Annotated[
 ]
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"twincell {metadata.version('twincell')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="say the version and exit")
+    ] = False,
+) -> None:
+    pass
+
+
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="folder of the demo's job")] = Path("out/demo"),
     time_scale: TimeScale = 8.0,
 ) -> None:
     """Do the whole main job on a vault springer: slice, plan, check, print on a simulated cell, export for FEA."""
+    from .demo import demo as run_demo
+
     run_demo(out, time_scale, console)
 
 
@@ -104,34 +111,48 @@ def new(
     longest: Annotated[
         float | None, typer.Option(metavar="MM", help="scale the longest side to this")
     ] = None,
-    up: Annotated[Up, typer.Option(help="axis of the file that points up")] = Up.Z,
+    up: Annotated[
+        Up | None, typer.Option(help="axis of the file that points up; default z, and y of GLB and glTF")
+    ] = None,
     thickness: Annotated[float, typer.Option(min=0.1, help="layer thickness, mm")] = 10.0,
     width: Annotated[float, typer.Option(min=0.1, help="bead width, mm")] = 20.0,
     speed: Annotated[float, typer.Option(min=0.1, help="print speed, mm/s")] = 80.0,
 ) -> None:
     """Make a job folder with a commented job.toml from a part file or a toolpath."""
-    said = new_job(
+    from .new import new_job
+
+    made = new_job(
         part, out, cell=cell, mix=mix, units=None if units is None else units.value, chord=chord,
-        subdivide=None if subdivide is None else subdivide.value, levels=levels, longest=longest, up=up.value,
+        subdivide=None if subdivide is None else subdivide.value, levels=levels, longest=longest,
+        up=None if up is None else up.value,
         thickness=thickness, width=width, speed=speed,
     )  # fmt: skip
-    for sentence in said:
+    for sentence in made.repairs:
         console.print(f"repaired: {sentence}", highlight=False, markup=False, soft_wrap=True)
+    for doubt in made.doubts:
+        errors.print(f"{part}: {doubt}", style="yellow", highlight=False, markup=False, soft_wrap=True)
     console.print(
-        f"made {out / 'job.toml'}; next: twincell plan {out}", highlight=False, markup=False, soft_wrap=True
+        f"made {out / 'job.toml'}: {made.size}; next: twincell plan {out}",
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
     )
 
 
 @app.command("slice")
 def slice_(job: JobFolder, as_json: Json = False) -> None:
     """Slice the job's part into a toolpath, with its twin surface M and the printed volume M'."""
+    from .job import load_job
+    from .report import heights
+    from .stages import slice_job
+
     made = slice_job(load_job(job))
     curves = sum(len(layer.curves) for layer in made.toolpath.layers)
     _result(
         {
             "layers": len(made.toolpath.layers),
             "curves": curves,
-            "thickness_mm": round(made.toolpath.thickness, 6),
+            **heights(made.toolpath),
             "path_length_m": round(made.toolpath.length / 1000.0, 4),
         },
         as_json,
@@ -141,9 +162,13 @@ def slice_(job: JobFolder, as_json: Json = False) -> None:
 @app.command("reconstruct")
 def reconstruct_(
     toolpath: Annotated[Path, typer.Argument(help="a toolpath.json")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="the PLY file to write")] = Path("surface.ply"),
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help="the file to write: STL, PLY, OBJ, 3MF, 3DM, GLB or glTF")
+    ] = Path("surface.ply"),
 ) -> None:
     """Turn a toolpath back into its surface M."""
+    from twins import TwinsError, load_toolpath, toolpath_mesh, write_surface
+
     try:
         mesh = toolpath_mesh(load_toolpath(toolpath))
     except TwinsError as error:
@@ -151,7 +176,7 @@ def reconstruct_(
         raise type(error)(text if text.startswith(str(toolpath)) else f"{toolpath}: {text}") from None
     for remark in mesh.remarks:
         errors.print(f"{toolpath}: {remark}", highlight=False, markup=False, soft_wrap=True)
-    save_surface(mesh.surface, out)
+    write_surface(mesh.surface, out)
     console.print(
         f"wrote {out}: {len(mesh.surface.faces)} triangles", highlight=False, markup=False, soft_wrap=True
     )
@@ -170,6 +195,10 @@ def overhang(
     as_json: Json = False,
 ) -> None:
     """Measure local overhang d/t: distance from the layer below over layer height; draw how it is distributed."""
+    from .errors import JobError
+    from .overhang_pictures import draw_overhangs
+    from .overhangs import overhangs_of
+
     if not out.parent.is_dir():
         raise JobError(f"{out}: there is no folder {out.parent}; make it, or name another file with -o")
     schemes = overhangs_of(sources, reference.value, limit)
@@ -199,6 +228,9 @@ def optimize_surface_(
     as_json: Json = False,
 ) -> None:
     """Deform the job's part until no face leans beyond a limit."""
+    from .job import load_job
+    from .optimizing import optimize_surface
+
     with console.status("relaxing the overhang") as status:
         values = optimize_surface(
             load_job(job), limit_deg=limit, reference=None if by is None else by.value, strength=strength,
@@ -226,6 +258,9 @@ def optimize_toolpath_(
     as_json: Json = False,
 ) -> None:
     """Move apart runs of the toolpath that are too close, and round what is bent too sharply."""
+    from .job import load_job
+    from .optimizing import optimize_toolpath
+
     with console.status("slicing") as status:
         values = optimize_toolpath(
             load_job(job), min_distance=min_distance, min_radius=min_radius, side=SIDES[side], protect=protect or [],
@@ -237,18 +272,29 @@ def optimize_toolpath_(
 @app.command("plan")
 def plan_(job: JobFolder, as_json: Json = False) -> None:
     """Plan the job into waypoints with pump flow; slices it first where that is missing or stale."""
+    from twins import read_surface
+
+    from .job import load_job
+    from .program_pictures import draw
+    from .report import summarise, write_summary
+    from .stages import plan_job
+
     loaded = load_job(job)
     program, toolpath, findings = plan_job(loaded)
     summary = summarise(program, toolpath, read_surface(loaded.volume), findings)
     write_summary(loaded.report, summary, anew=True)
     draw(loaded.report, program, loaded.cell)
     keys = ("layers", "path_length_m", "bead_volume_l", "print_time_s", "starts", "waypoints")
-    _result({key: summary[key] for key in keys}, as_json, findings)
+    local = {"least": summary["local_height_min_mm"], "greatest": summary["local_height_max_mm"]}
+    _result({**{key: summary[key] for key in keys}, "local_height_mm": local}, as_json, findings)
 
 
 @app.command("check")
 def check_(job: JobFolder, as_json: Json = False) -> None:
     """Say what would go wrong if the job's program were printed."""
+    from .job import load_job
+    from .stages import checked, planned
+
     loaded = load_job(job)
     program, toolpath = planned(loaded)
     _result({"waypoints": len(program)}, as_json, checked(loaded, program, toolpath))
@@ -265,6 +311,9 @@ def run_(
     as_json: Json = False,
 ) -> None:
     """Print the job on its cell."""
+    from .job import load_job
+    from .printing import print_job
+
     result = print_job(
         load_job(job), errors if as_json else console, simulate=simulate, dry=dry, time_scale=time_scale
     )
@@ -280,6 +329,10 @@ def simulate_(
     time_scale: TimeScale = 1.0,
 ) -> None:
     """Start a simulated UR controller and a simulated pump; Ctrl-C ends them."""
+    from planning import load_cell
+
+    from .printing import simulate_cell
+
     load_cell(cell)
     simulate_cell(cell, host, time_scale, console)
 
@@ -287,6 +340,9 @@ def simulate_(
 @app.command("fea")
 def fea_(job: JobFolder, as_json: Json = False) -> None:
     """Mesh the printed volume, export it by layers, and solve it under its own weight."""
+    from .job import load_job
+    from .structural import fea_job
+
     _result(fea_job(load_job(job), errors if as_json else console), as_json)
 
 
@@ -299,7 +355,14 @@ def wrap_(
         Planes,
         typer.Option(help="where the curves are: in the nozzle's planes, or sections halfway up layers"),
     ] = Planes.NOZZLE,
-    units: Annotated[str | None, typer.Option(help="of files that do not say theirs: mm, m, in …")] = None,
+    bed: Annotated[
+        float | None, typer.Option(metavar="Z", help="height of the bed in the files; default as they tell")
+    ] = None,
+    z: Annotated[
+        list[float] | None,
+        typer.Option("--z", metavar="MM", help="height of each SVG without data-z, in order"),
+    ] = None,
+    units: Annotated[Units | None, typer.Option(help="of files that do not say theirs")] = None,
     thickness: Annotated[
         float | None, typer.Option(metavar="MM", help="of the first layer; default that of the second")
     ] = None,
@@ -317,11 +380,15 @@ def wrap_(
     as_json: Json = False,
 ) -> None:
     """Put curves in layers, parallel, fanned or freely tilted, and write them as a toolpath."""
+    from .exchanging import wrap_curves
+
     values = wrap_curves(
-        files, out, at=at.value, units=units, thickness=thickness, close_within=close_within, tolerance=tolerance,
-        chord=chord, up=up.value,
+        files, out, at=at.value, units=None if units is None else units.value, thickness=thickness,
+        close_within=close_within, tolerance=tolerance, chord=chord, up=up.value, bed=bed, z=z or (),
     )  # fmt: skip
     _result(values, as_json)
+    for remark in values["remarks"]:
+        errors.print(f"{out}: {remark}", style="yellow", highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command("export")
@@ -337,6 +404,9 @@ def export_(
     as_json: Json = False,
 ) -> None:
     """Write the job's curves, its surface M, the volume M' or its beads in a designer's format."""
+    from .exchanging import export_job
+    from .job import load_job
+
     _result(export_job(load_job(job), out, None if what is None else what.value, at.value), as_json)
 
 
@@ -354,11 +424,35 @@ def gcode_(
     as_json: Json = False,
 ) -> None:
     """Write the job's toolpath as G-code of a scaled model for a desktop printer."""
+    from .job import load_job
+    from .scaled_model import gcode_job
+
     _result(gcode_job(load_job(job), scale, printer, width, out), as_json)
+
+
+def _saying_that_it_compiles(command: Callable[..., None]) -> Callable[..., None]:
+    @wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        from .compiling import compiling_said
+
+        def say(sentence: str) -> None:
+            errors.print(sentence, highlight=False, markup=False, soft_wrap=True)
+
+        with compiling_said(say):
+            command(*args, **kwargs)
+
+    return run
+
+
+for _info in (*app.registered_commands, *optimize.registered_commands):
+    # A simulated cell computes nothing, and should not load the compiler for this.
+    if _info.callback is not None and _info.callback is not simulate_:
+        _info.callback = _saying_that_it_compiles(_info.callback)
 
 
 def _result(values: dict[str, Any], as_json: bool, findings: list[Finding] | None = None) -> None:
     """Show a result; exit 1 if a finding keeps the job from running."""
+    refused = any(finding.severity == "error" for finding in findings or [])
     if as_json:
         extra = {} if findings is None else {"findings": [finding.as_dict() for finding in findings]}
         sys.stdout.write(json.dumps({**values, **extra}) + "\n")
@@ -366,25 +460,48 @@ def _result(values: dict[str, Any], as_json: bool, findings: list[Finding] | Non
         for key, value in _flat(values):
             console.print(f"{key:28} {value}", highlight=False, markup=False, soft_wrap=True)
         for finding in findings or []:
-            style = "red" if finding.severity is Severity.ERROR else "yellow"
+            style = "red" if finding.severity == "error" else "yellow"
             console.print(str(finding), style=style, highlight=False, markup=False, soft_wrap=True)
         if findings is not None and not findings:
             console.print("no findings", highlight=False, markup=False, soft_wrap=True)
-    if any(finding.severity is Severity.ERROR for finding in findings or []):
+    if refused:
         raise typer.Exit(1)
 
 
 def _flat(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Values for people: nested ones one a line, numbers short, hashes left to the files."""
+    """Values for people: nested ones one a line, numbers and lists short, what is empty and hashes left out."""
     for key, value in values.items():
-        if key == "inputs":
+        if key in {"inputs", "remarks"} or value == []:
             continue
-        if isinstance(value, dict):
+        if isinstance(value, dict) and value.keys() == {"least", "greatest"}:
+            least, greatest = (f"{value[end] + 0.0:.6g}" for end in ("least", "greatest"))
+            yield key, least if least == greatest else f"{least} to {greatest}"
+        elif isinstance(value, dict):
             yield from ((f"{key}: {inner}", text) for inner, text in _flat(value))
         elif isinstance(value, list):
-            yield key, ", ".join(map(str, value))
+            some = value if len(value) <= SHOWN else [*value[:SHOWN], f"… ({len(value)} in all)"]
+            yield key, ", ".join(map(str, some))
         else:
-            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)
+            # 0.0 is added so that no zero is negative.
+            yield key, f"{value + 0.0:.6g}" if isinstance(value, float) else str(value)
+
+
+def _refusals() -> tuple[type[Exception], ...]:
+    """What the packages refuse with. One that is not loaded has refused nothing, and is not loaded for this."""
+    bases = {
+        "twins.errors": "TwinsError",
+        "planning.errors": "PlanningError",
+        "robot.errors": "RobotError",
+        "analysis.errors": "AnalysisError",
+        "twincell.errors": "JobError",
+    }
+    return tuple(getattr(sys.modules[home], name) for home, name in bases.items() if home in sys.modules)
+
+
+def _options_of(command: Any) -> set[str]:
+    """All options of a command and those below it."""
+    below = (_options_of(child) for child in getattr(command, "commands", {}).values())
+    return {option for parameter in command.params for option in parameter.opts}.union(*below)
 
 
 def main() -> None:
@@ -396,12 +513,19 @@ def main() -> None:
             raise
         errors.print("stopped by Ctrl-C", highlight=False, markup=False, soft_wrap=True)
         raise SystemExit(1) from None
-    except EXPECTED as error:
-        errors.print(str(error), style="red", highlight=False, markup=False, soft_wrap=True)
+    except _refusals() as error:
+        from .wording import as_options
+
+        sentence = as_options(str(error), _options_of(typer.main.get_command(app)))
+        errors.print(sentence, style="red", highlight=False, markup=False, soft_wrap=True)
         raise SystemExit(1) from None
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         errors.print(
-            f"{where}{error.strerror or error}", style="red", highlight=False, markup=False, soft_wrap=True
+            f"{where}cannot be read or written ({error.strerror or error}); check the path",
+            style="red",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
         )
         raise SystemExit(1) from None

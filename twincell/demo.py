@@ -13,7 +13,8 @@ from twins import read_surface, save_surface
 from .errors import JobError
 from .job import load_job
 from .printing import print_job
-from .report import draw, summarise, write_summary
+from .program_pictures import draw
+from .report import summarise, write_summary
 from .springer import springer, springer_top
 from .stages import plan_job, refuse
 from .structural import NOT_SOLVED, fea_job

@@ -34,6 +34,11 @@ def is_edited(job: Job) -> bool:
     )
 
 
+def has_only_toolpath(job: Job) -> bool:
+    """Whether the job began with a toolpath: it has no part, and its toolpath was sliced from none of its own."""
+    return not job.part.is_file() and job.toolpath.is_file() and "part" not in inputs_of(job.toolpath)
+
+
 def keep_edited(job: Job) -> None:
     """Put an edited toolpath aside before it is replaced."""
     try:
@@ -55,11 +60,13 @@ def is_outdated(job: Job) -> bool:
 
 
 def follow_edited(job: Job, toolpath: Toolpath, *, quiet: bool = False) -> None:
-    """Make M and M' follow a toolpath that was edited, or that came from elsewhere; unless quiet, say so."""
+    """Make M and M' follow a toolpath that was edited, or that came from elsewhere; unless quiet, say so, but
+    not of a job that began with one.
+    """
     inputs = job.edited_inputs(toolpath)
     if inputs_of(job.volume) == inputs:
         return
-    if not quiet:
+    if not (quiet or has_only_toolpath(job)):
         LOG.warning(
             "%s was edited, optimised or made by hand, and is used as it is%s",
             job.toolpath,

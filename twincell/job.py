@@ -16,7 +16,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import trimesh
@@ -25,7 +25,8 @@ from pydantic import Field, field_validator
 from analysis import FeaSettings
 from planning import Cell, ConfigurationError, Mix, PrintSettings, load_cell, load_mix
 from planning.configuration import Table, find_configuration, parse_table, read_toml
-from twins import Plane, PlaneStack, Toolpath, adaptive_planes, fingerprint, layer_planes
+from twins import Plane, PlaneStack, Toolpath, adaptive_reporting, fingerprint, layer_planes
+from twins.formats.lengths import MM
 
 from .errors import JobError
 
@@ -42,7 +43,14 @@ class PartSettings(Table):
     """
 
     file: str = "part.ply"
-    units: Literal["mm", "m", "in"] | None = None
+    units: str | None = None
+
+    @field_validator("units")
+    @classmethod
+    def _is_known(cls, units: str | None) -> str | None:
+        if units is not None and units not in MM:
+            raise ValueError(f"must be one of {', '.join(MM)}")
+        return units
 
 
 class TopSettings(Table):
@@ -91,12 +99,20 @@ class SlicingSettings(Table):
         Raises:
             PlanesError: no layers can be made so.
         """
+        return self.planes_reporting(part)[0]
+
+    def planes_reporting(self, part: trimesh.Trimesh) -> tuple[PlaneStack, list[str]]:
+        """`planes`, and sentences on what of them is not as asked.
+
+        Raises:
+            PlanesError: no layers can be made so.
+        """
         top = self._top_of(part)
         if self.cusp is None:
-            return layer_planes(Plane.horizontal(), top, self.thickness)
+            return layer_planes(Plane.horizontal(), top, self.thickness), []
         thinnest = 0.5 * self.thickness if self.thinnest is None else self.thinnest
         thickest = 1.5 * self.thickness if self.thickest is None else self.thickest
-        return adaptive_planes(part, Plane.horizontal(), top, thinnest, thickest, self.cusp)
+        return adaptive_reporting(part, Plane.horizontal(), top, thinnest, thickest, self.cusp)
 
     def _top_of(self, part: trimesh.Trimesh) -> Plane | float:
         if self.top is None:

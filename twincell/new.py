@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
 from planning import load_cell, load_mix
 from twins import (
     SurfaceError,
+    UnwrappedCurve,
     load_toolpath,
     make_surface,
     read_surface,
@@ -17,10 +21,16 @@ from twins import (
     save_surface,
     save_toolpath,
     unit_of,
+    unwrap,
 )
+from twins.formats.meshes import Y_UP_TO_Z_UP
 
 from .errors import JobError
-from .part import check_size
+from .part import check_size, doubts_of_size, in_words, spelt
+
+Array = npt.NDArray[np.float64]
+
+GLTF = (".glb", ".gltf")
 
 UP = {
     "x": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
@@ -30,16 +40,43 @@ UP = {
 """Rotations that bring the named axis of the file up."""
 
 
+@dataclass(frozen=True)
+class Made:
+    """What became of a file.
+
+    Attributes:
+        size: of the part or the toolpath, in words.
+        repairs: one sentence each.
+        doubts: one sentence each on a size that may not be meant.
+    """
+
+    size: str
+    repairs: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+
+def up_of(part: Path) -> str:
+    """The axis that points up in the files of a format."""
+    return "y" if part.suffix.lower() in GLTF else "z"
+
+
+def turn_up(part: Path, up: str) -> Array:
+    """The rotation that brings an axis of a file up, from how `read_surface` gives it: glTF with its y up already."""
+    if up == up_of(part):
+        return np.eye(3)
+    return UP[up] @ Y_UP_TO_Z_UP.T if part.suffix.lower() in GLTF else UP[up]
+
+
 def set_down(
-    surface: trimesh.Trimesh, units: str, longest: float | None, up: str
+    surface: trimesh.Trimesh, units: str, longest: float | None, turn: Array
 ) -> tuple[trimesh.Trimesh, list[str]]:
-    """A part as it stands on the bed: repaired, the named axis up, its footprint's middle at the origin.
+    """A part as it stands on the bed: repaired, turned up, its footprint's middle at the origin.
 
     Args:
         surface: in mm.
         units: that its file was read in, for messages.
         longest: scales the longest side to this, mm.
-        up: the file's axis that points up.
+        turn: rotation that brings it upright, shape (3, 3).
 
     Returns:
         the part, and one sentence for each repair.
@@ -47,7 +84,7 @@ def set_down(
     Raises:
         SurfaceError: it does not bound a solid, or its size tells of another unit.
     """
-    vertices = np.asarray(surface.vertices) @ UP[up].T
+    vertices = np.asarray(surface.vertices) @ turn.T
     extent = float(np.ptp(vertices, axis=0).max())
     if longest is not None:
         if not (longest > 0 and np.isfinite(longest)):
@@ -71,11 +108,11 @@ def new_job(
     subdivide: str | None = None,
     levels: int = 2,
     longest: float | None = None,
-    up: str = "z",
+    up: str | None = None,
     thickness: float = 10.0,
     width: float = 20.0,
     speed: float = 80.0,
-) -> list[str]:
+) -> Made:
     """Make a job folder with a commented job.toml.
 
     Args:
@@ -85,15 +122,12 @@ def new_job(
         units: of a file that does not say its own; default mm.
         chord, subdivide, levels: as in `twins.read_surface`.
         longest: scales the part's longest side to this, mm.
-        up: the file's axis that points up.
+        up: the file's axis that points up; default y of glTF, as its standard has it, and z of all others.
         thickness, width: of layers and beads, mm.
         speed: of printing, mm/s.
 
-    Returns:
-        one sentence for each repair of the part.
-
     Raises:
-        JobError: the folder already holds a job.
+        JobError: the folder already holds a job, or cannot be made.
         FormatError, SurfaceError: the part cannot be used; the message names the file.
         ConfigurationError: there is no such cell or mix, or a mistake in it.
     """
@@ -101,32 +135,49 @@ def new_job(
         raise JobError(
             f"{folder}: already holds a job.toml; choose another folder with -o, or remove it first"
         )
-    load_cell(cell, folder)
+    its_cell = load_cell(cell, folder)
     load_mix(mix, folder)
     if part.suffix.lower() == ".json":
-        if units is not None or longest is not None or up != "z":
+        if units is not None or longest is not None or up is not None:
             raise JobError(f"{part}: a toolpath is taken as it is; leave out --units, --longest and --up")
         toolpath = load_toolpath(part)
-        said: list[str] = []
         thickness = toolpath.thickness
-        folder.mkdir(parents=True, exist_ok=True)
+        curves = unwrap(toolpath)
+        points = np.concatenate([curve.points for curve in curves] or [np.zeros((1, 3))])
+        low, high = np.minimum(points.min(axis=0), [np.inf, np.inf, 0.0]), points.max(axis=0)
+        made = Made(
+            f"{len(toolpath.layers)} layers, {in_words(high - low)}",
+            (),
+            (*doubts_of_size(low, high, its_cell, width, thickness), *_open_of(curves)),
+        )
+        _make(folder)
         save_toolpath(toolpath, folder / "toolpath.json")
         table = f"# none: toolpath.json came from {part.name}"
     else:
-        stated = unit_of(part) or units or "mm"
+        stated = unit_of(part)
+        unit = stated or units or "mm"
+        why = " as the file states" if stated else "" if units else " (the file states no unit)"
+        upright = up or up_of(part)
         try:
             read = read_surface(part, unit=units, chord=chord, subdivide=subdivide, levels=levels)
-            surface, said = set_down(read, stated, longest, up)
+            surface, said = set_down(read, unit, longest, turn_up(part, upright))
         except SurfaceError as error:
             raise SurfaceError(f"{part}: {error}") from None
-        folder.mkdir(parents=True, exist_ok=True)
-        changes = [f"from {part.name}, read in {stated}, {up} up", *said]
+        _make(folder)
+        changes = [f"from {part.name}, read in {spelt(unit)}, {upright} up", *said]
         save_surface(surface, folder / "part.ply", changes)
-        size = " × ".join(f"{s:.1f}" for s in np.ptp(np.asarray(surface.vertices), axis=0))
+        vertices = np.asarray(surface.vertices)
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        scaled = "" if longest is None else ", scaled by --longest"
+        made = Made(
+            f"{in_words(high - low)}, read in {spelt(unit)}{why}{scaled}",
+            tuple(said),
+            doubts_of_size(low, high, its_cell, width, thickness),
+        )
         table = "\n".join(
             [
                 *(f"# {change}" for change in changes),
-                f'file = "part.ply"        # {size} mm, standing on z = 0',
+                f'file = "part.ply"        # {in_words(high - low)}, standing on z = 0',
             ]
         )
     (folder / "job.toml").write_text(
@@ -142,7 +193,28 @@ def new_job(
         ),
         encoding="utf-8",
     )
-    return said
+    return made
+
+
+def _open_of(curves: Sequence[UnwrappedCurve]) -> list[str]:
+    count = sum(not curve.closed for curve in curves)
+    if not count:
+        return []
+    verb = "is" if count == 1 else "are"
+    said = (
+        f"{count} of {len(curves)} curves {verb} open, and printed so; close them if that is not meant (twincell wrap "
+        "--close-within)"
+    )
+    return [said]
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise JobError(
+            f"{folder}: no folder can be made there ({error.strerror}); name another with -o"
+        ) from None
 
 
 def _reference(name: str) -> str:
@@ -154,7 +226,8 @@ def _reference(name: str) -> str:
 
 
 JOB = """\
-# One print. Lengths in mm, times in s. What is commented out has the value shown as its default.
+# One print. Lengths in mm, times in s. What is commented out has the value shown as its default; where it says
+# "example", it has none.
 
 cell = "{cell}"          # a shipped cell, or the path of your own file
 mix = "{mix}"
@@ -166,12 +239,12 @@ units = "mm"
 [slicing]
 thickness = {thickness}
 # resolution = {thickness}      # distance of points along the curves; default: the layer thickness
-# height = 300.0         # of the stack of layers; default: the part's
-# cusp = 2.0             # largest step that layers leave on the part: thinner layers where it is flat
+# height = 300.0         # example: of the stack of layers; without it the part's
+# cusp = 2.0             # example: largest wanted step on the part: thinner layers where it is flat
 # thinnest = {thinner}         # with cusp
 # thickest = {thicker}        # with cusp
 # For rotary layers, fanned between the bed and a tilted top plane above the part:
-# top = {{ origin = [0.0, 0.0, 400.0], normal = [-0.2, 0.0, 1.0] }}
+# top = {{ origin = [0.0, 0.0, 400.0], normal = [-0.2, 0.0, 1.0] }}  # example
 
 [print]
 width = {width}             # of the bead
@@ -183,6 +256,6 @@ speed = {speed}             # of the nozzle while printing
 # end_speed = 0.03       # share of the speed at the end of a bead, where the pump is shut
 
 [fea]
-# edge = 20.0            # length of element edges; default: from the bead width
-# time_limit_s = 300.0   # for meshing
+# edge = 20.0            # example: length of element edges; without it from wall and layers
+# time_limit_s = 600.0   # for meshing, and for solving
 """

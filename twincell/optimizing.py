@@ -34,11 +34,12 @@ from twins import (
     smooth,
     unit_of,
 )
+from twins.formats.lengths import MM
 
 from .edited import follow_edited, is_edited
 from .errors import JobError
 from .job import Job
-from .part import MM, read_part
+from .part import read_part
 from .stages import sliced
 
 LOG = logging.getLogger(__name__)

@@ -8,8 +8,11 @@ from typing import Any
 
 from planning import PlanningError
 from planning.desktop_printer import load_printer
-from planning.gcode import model_gcode
-from planning.scaled import ratio, scaled_model
+from planning.gcode import model_gcode, needs
+from planning.model_scales import ratio
+from planning.scaled import scaled_model
+from twins import FormatError
+from twins.formats.labelled import write_whole
 
 from .errors import JobError
 from .job import Job
@@ -48,15 +51,16 @@ def gcode_job(
         raise PlanningError(f"{job.toolpath}: {error}") from None
     written = model_gcode(model, machine)
     path = job.folder / "model.gcode" if out is None else out
-    partial = path.with_name(f"{path.name}.partial")
+    if not path.parent.is_dir():
+        raise JobError(f"{path}: cannot be written: there is no folder {path.parent}; make it first")
     try:
-        partial.write_text(written.text, encoding="ascii", newline="\n")
-        partial.replace(path)
-    except OSError as error:
-        raise JobError(f"{path}: cannot be written: {error.strerror}") from error
+        write_whole(path, lambda partial, _: _write(written.text, partial), ())
+    except FormatError as error:
+        raise JobError(str(error)) from None
     return {
         "file": str(path),
         "printer": machine.name,
+        "needs": needs(model, machine),
         "scale": ratio(model.scale),
         "size_mm": [round(float(value), 1) for value in model.size],
         "layers": len({bead.layer for bead in model.beads}),
@@ -64,3 +68,7 @@ def gcode_job(
         "filament_m": round(model.volume / machine.filament_area * 1e-3, 3),
         "print_time_s": round(float(written.duration), 1),
     }
+
+
+def _write(text: str, path: Path) -> None:
+    path.write_text(text, encoding="ascii", newline="\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -24,7 +24,7 @@ from twins import (
     toolpath_mesh,
 )
 
-from .edited import follow_edited, is_edited, is_outdated, keep_edited
+from .edited import follow_edited, has_only_toolpath, is_edited, is_outdated, keep_edited
 from .errors import JobError
 from .job import Job
 from .part import FIT, read_part
@@ -45,19 +45,25 @@ def slice_job(job: Job) -> Sliced:
     """Slice the part; write the toolpath, M and M'.
 
     Raises:
+        JobError: the job was made from a toolpath, and has no part.
         TwinsError: the part or the planes cannot be used; names the file.
     """
+    if has_only_toolpath(job):
+        raise JobError(
+            f"{job.part}: no such file: this job was made from a toolpath and has no part to slice; "
+            f"go on with: twincell plan {job.folder}"
+        )
     surface = read_part(job)
     slicing = job.settings.slicing
     try:
-        planes = slicing.planes(surface)
+        planes, uneven = slicing.planes_reporting(surface)
         toolpath, remarks = slice_reporting(surface, planes, slicing.resolution)
         over = planes.nozzle[-1].height_of(np.asarray(surface.vertices))
         if float(over.max()) > FIT * planes.thickness:
             raise SurfaceError(
                 f"the part reaches {float(over.max()):.6g} mm above the top plane; raise that plane or cut the part"
             )
-        for remark in remarks:
+        for remark in (*uneven, *remarks):
             LOG.warning("%s: %s", job.part, remark)
         mesh = toolpath_mesh(toolpath, slicing.resolution, surface)
         for remark in mesh.remarks:
@@ -116,6 +122,8 @@ def plan_job(job: Job) -> tuple[Program, Toolpath, list[Finding]]:
 def checked(job: Job, program: Program, toolpath: Toolpath) -> list[Finding]:
     """What speaks against printing a job's program."""
     findings = check(program, job.cell, job.mix, toolpath)
+    if has_only_toolpath(job):
+        findings = [_without_part(finding, job) for finding in findings]
     if is_outdated(job):
         findings.append(
             Finding(
@@ -131,6 +139,21 @@ def checked(job: Job, program: Program, toolpath: Toolpath) -> list[Finding]:
             )
         )
     return findings
+
+
+def _without_part(finding: Finding, job: Job) -> Finding:
+    """A finding whose remedy is one for a job that has no part to deform."""
+    if not finding.kind.startswith("overhang"):
+        return finding
+    relax = (
+        f"relax the curves' surface as a part (twincell new {job.surface} -o ANOTHER, then: twincell optimize surface "
+        "ANOTHER --both)"
+    )
+    draw = "draw the layers there nearer to those below"
+    remedy = (
+        f"{relax if job.surface.is_file() else draw}, print in another direction, or choose a stiffer mix"
+    )
+    return replace(finding, remedy=remedy)
 
 
 def planned(job: Job) -> tuple[Program, Toolpath]:

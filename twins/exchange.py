@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from .entrances import checks_kinds
 from .errors import FormatError, ToolpathError
 from .toolpath import Curve, Layer, Plane, Toolpath
 
@@ -47,7 +48,7 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
         FormatError: another format or version, or a key that is missing or wrong; names the layer and curve.
     """
     if not isinstance(values, dict) or values.get("format") != FORMAT:
-        raise FormatError(f"{where}: not a {FORMAT} file")
+        raise FormatError(f"{where}: not a {FORMAT} file; of a file of curves `wrap` makes one")
     if values.get("version") != VERSION:
         raise FormatError(
             f"{where}: version {values.get('version')!r} is not readable here; this is version {VERSION}"
@@ -74,6 +75,7 @@ def toolpath_from_dict(values: Any, where: str = "toolpath") -> Toolpath:
         raise FormatError(f"{place}: {error}") from None
 
 
+@checks_kinds
 def save_toolpath(toolpath: Toolpath, path: Path | str, inputs: Mapping[str, str] | None = None) -> None:
     """Write a toolpath, with the SHA-256 of what it was made from; the file appears whole or not at all."""
     path = Path(path)
@@ -102,6 +104,11 @@ def load_toolpath(path: Path | str) -> Toolpath:
         raise FormatError(
             f"{path}: is not text; a toolpath is a JSON file such as a job's toolpath.json"
         ) from None
+    except json.JSONDecodeError as error:
+        raise FormatError(
+            f"{path}: is not JSON: line {error.lineno}, column {error.colno} cannot be understood; correct "
+            "it there, or write the file anew"
+        ) from None
     except (ValueError, RecursionError) as error:
         raise FormatError(f"{path}: is not JSON: {error}") from None
     return toolpath_from_dict(values, str(path))
@@ -125,11 +132,13 @@ def inputs_of(path: Path | str) -> dict[str, str]:
         return {}
 
 
+@checks_kinds
 def fingerprint(toolpath: Toolpath) -> str:
     """SHA-256 of what a toolpath says, however its file is laid out."""
     return hashlib.sha256(json.dumps(toolpath_as_dict(toolpath), sort_keys=True).encode()).hexdigest()
 
 
+@checks_kinds
 def save_surface(surface: trimesh.Trimesh, path: Path | str, comments: Sequence[str] = ()) -> None:
     """Write a surface as PLY with double precision; the file appears whole or not at all."""
     vertices = np.asarray(surface.vertices, dtype="<f8")

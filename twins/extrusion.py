@@ -21,6 +21,7 @@ import shapely
 import trimesh
 from shapely.geometry.base import BaseGeometry
 
+from .entrances import checks_kinds
 from .errors import ToolpathError
 from .memo import Memo
 from .reconstruction import reconstruct
@@ -43,6 +44,7 @@ NUDGES = (1e-9, 1e-7, 1e-5)
 """How much wider a bead is drawn that came out crossing itself, as shares of its radius."""
 
 
+@checks_kinds
 def extrude(
     toolpath: Toolpath,
     width: float,
@@ -66,6 +68,7 @@ def extrude(
     return reconstruct(bead_outlines(toolpath, width, step, side, executor), step, executor=executor)
 
 
+@checks_kinds
 def bead_outlines(
     toolpath: Toolpath,
     width: float,

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from .entrances import checks_kinds
 from .extrusion import bead_outlines
 from .reconstruction import Solid, toolpath_mesh
 from .tet_quality import improve, mean_ratios
@@ -61,6 +62,7 @@ class LayeredMesh:
         return mean_ratios(self.points, self.tets)
 
 
+@checks_kinds
 def layered_mesh(toolpath: Toolpath, width: float, resolution: float | None = None) -> LayeredMesh:
     """Tetrahedra of the volume that a toolpath prints.
 

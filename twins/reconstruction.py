@@ -23,6 +23,7 @@ import trimesh
 
 from .assembly import assemble
 from .boundary import Block, block
+from .entrances import checks_kinds
 from .errors import ToolpathError
 from .frames import Frames
 from .interior import interior_points
@@ -98,6 +99,7 @@ class ToolpathMesh:
         )
 
 
+@checks_kinds
 def reconstruct(
     toolpath: Toolpath,
     resolution: float | None = None,
@@ -118,6 +120,7 @@ def reconstruct(
     return toolpath_mesh(toolpath, resolution, surface, executor=executor).surface
 
 
+@checks_kinds
 def toolpath_mesh(
     toolpath: Toolpath,
     resolution: float | None = None,
@@ -219,7 +222,9 @@ def _bounds(layer: Layer, floor: Plane, number: int) -> tuple[float, float, floa
     """The box around a layer's curves: least u, v and greatest u, v. There the layer's planes must be in order."""
     for curve in layer.curves:
         if not curve.closed:
-            raise ToolpathError(f"layer {number}: an open curve bounds no solid; close it first")
+            raise ToolpathError(
+                f"layer {number}: an open curve bounds no solid; close it first (`close_within` of wrap)"
+            )
     points = np.concatenate([curve.points for curve in layer.curves])
     (a, b), (c, d) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     corners = np.array([[a, b], [c, b], [c, d], [a, d]])

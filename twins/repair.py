@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from .crossings import TOUCHING, find_cuts, refuse_cuts
+from .entrances import checks_kinds
 from .errors import SurfaceError
 from .holes import boundary_loops, hole_at, number_of_cuts, with_holes_closed
 from .mesh_edges import arrays_of, directed_edges, edge_faults, equal_rows
@@ -28,6 +29,7 @@ Flags = npt.NDArray[np.bool_]
 _MOST_BODIES = 5000
 
 
+@checks_kinds
 def repair_surface(surface: trimesh.Trimesh) -> tuple[trimesh.Trimesh, list[str]]:
     """Put right what can be put right without a choice, and say so.
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import trimesh
 
 from .cutter import SurfaceCutter
+from .entrances import checks_kinds
 from .errors import PlanesError, ToolpathError
 from .planes import PlaneStack
 from .sampling import sample_layer_reporting
@@ -29,6 +30,7 @@ LOWERED = (1e-6, 1e-5, 1e-4, 1e-3)
 """How far below its plane a layer is cut whose curves touch themselves there, as shares of the thickness."""
 
 
+@checks_kinds
 def slice_surface(surface: trimesh.Trimesh, planes: PlaneStack, resolution: float | None = None) -> Toolpath:
     """Cut a surface into a toolpath.
 
@@ -48,6 +50,7 @@ def slice_surface(surface: trimesh.Trimesh, planes: PlaneStack, resolution: floa
     return slice_reporting(surface, planes, resolution)[0]
 
 
+@checks_kinds
 def slice_reporting(
     surface: trimesh.Trimesh,
     planes: PlaneStack,

@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from .entrances import checks_kinds
 from .errors import FormatError, SurfaceError
-from .formats.polygons import Polygons, factor_to_mm
+from .formats.lengths import factor_to_mm
+from .formats.polygons import Polygons
 from .formats.reading import check_file, read_polygons
 from .formats.subdivision import subdivide as divided
 from .holes import boundary_loops, hole_at
@@ -113,6 +115,7 @@ def welded(vertices: Array, faces: Faces) -> trimesh.Trimesh:
     return make_surface(points, corners[proper])
 
 
+@checks_kinds
 def check_surface(surface: trimesh.Trimesh) -> None:
     """Make sure that a mesh bounds a solid: closed, two faces an edge, outward normals.
 
@@ -146,7 +149,7 @@ def check_edges(vertices: Array, faces: Faces) -> None:
         more = f"; and {len(holes) - 5} more" if len(holes) > 5 else ""
         raise SurfaceError(
             f"the surface is open: {len(holes)} {'hole' if len(holes) == 1 else 'holes'}: {places}{more}; "
-            "close it, or let repair_surface do it"
+            "close it, or let `repair_surface` do it"
         )
     if len(twisted):
         raise SurfaceError(
@@ -155,6 +158,7 @@ def check_edges(vertices: Array, faces: Faces) -> None:
         )
 
 
+@checks_kinds
 def signed_volume(surface: trimesh.Trimesh) -> float:
     """Enclosed volume, mm³; negative where the normals point inwards."""
     corners = np.asarray(surface.vertices)[np.asarray(surface.faces)]

@@ -25,6 +25,7 @@ import shapely
 import trimesh
 from shapely.geometry.base import BaseGeometry
 
+from .entrances import checks_kinds
 from .errors import ToolpathError
 from .extrusion import CLEFT, Side, bead_outlines, enclosed_region, rings, triangulable
 from .frames import Frames
@@ -44,6 +45,7 @@ SLIVER: Final = 0.05
 _MITRE = 1.15  # an inset goes around a sharp notch at up to this many times its distance
 
 
+@checks_kinds
 def visual_mesh(
     toolpath: Toolpath,
     width: float,

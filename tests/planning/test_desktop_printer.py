@@ -23,6 +23,8 @@ CR10 = (shipped_configurations() / "printers" / "cr10.toml").read_text()
         ("M140 S{bed_c:.0f}", "M140 S{", "write a brace of your own twice"),
         ("margin = 10.0", "margin = 150.0", "leaves nothing of the bed"),
         ("width_min = 0.8", "width_min = 3.0", "above width_max"),
+        ("height_min = 0.1", "height_min = 1.5", "above height_max"),
+        ("safe_z = 5.0", "safe_z = 500.0", "safe_z = 500 is above height"),
         ("max_tilt_deg = 30.0", "max_tilt_deg = 90.0", "nozzle.max_tilt_deg"),
         ("hot_end =", "hotend =", "did you mean 'hot_end'"),
     ],
@@ -57,6 +59,6 @@ def test_what_ships_loads(name):
 
 
 def test_what_ships_is_found_by_name():
-    assert {"cr10", "klipper-300", "duet-300"} <= set(SHIPPED)
-    with pytest.raises(ConfigurationError, match="shipped printers: cr10, duet-300, klipper-300"):
+    assert {"cr10", "ender3", "klipper-300", "duet-300"} <= set(SHIPPED)
+    with pytest.raises(ConfigurationError, match="shipped printers: cr10, duet-300, ender3, klipper-300"):
         load_printer("ender")

@@ -6,33 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 from gcodeparser import parse_gcode_lines
-from scipy.spatial.transform import Rotation
-from shapes import stepped_box, vase
+from models import SCALE, SHIPPED, WIDTH, sliced, variant
 
-from planning import PlanningError, plan
+from planning import plan
 from planning.configuration import shipped_configurations
 from planning.desktop_printer import load_printer
 from planning.gcode import gcode
 from planning.order import print_order
 from planning.scaled import scaled_model
-from twincell.springer import springer, springer_top
-from twins import (
-    Curve,
-    Layer,
-    Plane,
-    Toolpath,
-    extrude,
-    layer_planes,
-    make_surface,
-    rotate,
-    signed_volume,
-    slice_surface,
-)
-
-SHIPPED = sorted(path.stem for path in (shipped_configurations() / "printers").glob("*.toml"))
-CR10 = (shipped_configurations() / "printers" / "cr10.toml").read_text()
-SCALE = 1 / 12.5
-WIDTH = 20.0
+from twins import Plane, extrude, layer_planes, make_surface, signed_volume, slice_surface
 
 
 class Machine:
@@ -136,41 +118,9 @@ def bead_volume(toolpath, scale, width):
     return sum(volumes.sum() for _, _, volumes in expected(toolpath, scale, width, (0.0, 0.0)))
 
 
-def several_curves():
-    """Two layers with open and closed curves, widths of their own, drawn by hand."""
-    square = np.array([[0.0, 0.0], [120.0, 0.0], [120.0, 120.0], [0.0, 120.0]])
-    curves = (
-        Curve(square),
-        Curve(square[::-1] * 0.5 + 30.0, width=np.array([16.0, 20.0, 24.0, 20.0])),
-        Curve(np.array([[160.0, 0.0], [190.0, 60.0], [160.0, 120.0]]), closed=False),
-    )
-    layers = [
-        Layer(Plane.horizontal(z - 5.0), Plane.horizontal(z), curves) for z in (10.0, 20.0, 30.0, 40.0, 50.0)
-    ]
-    return Toolpath(Plane.horizontal(), tuple(layers), 10.0)
-
-
 @pytest.fixture(scope="module")
 def toolpaths():
-    return {
-        "springer": slice_surface(
-            springer(), layer_planes(Plane.horizontal(), springer_top(), 10.0), resolution=10.0
-        ),
-        "vase": slice_surface(vase(hollow=False), layer_planes(Plane.horizontal(), 400.0, 10.0), 10.0),
-        "stepped box": slice_surface(stepped_box(), layer_planes(Plane.horizontal(), 200.0, 10.0), 10.0),
-        "several curves": several_curves(),
-    }
-
-
-def variant(tmp_path, **changes):
-    """The CR-10 with other lines of its file."""
-    text = CR10
-    for key, value in changes.items():
-        text, count = re.subn(rf"(?m)^{key} = [^#\n]*", f"{key} = {value}  ", text, count=1)
-        assert count == 1, key
-    path = tmp_path / "printer.toml"
-    path.write_text(text)
-    return load_printer(str(path))
+    return {name: sliced(name) for name in ("springer", "vase", "stepped box", "several curves")}
 
 
 @pytest.mark.parametrize("printer", SHIPPED)
@@ -263,16 +213,6 @@ def test_flow_and_speed_stay_within_limits_and_small_layers_get_time(tmp_path, t
     assert 0 not in machine.fan
 
 
-def test_the_bed_is_the_base_plane_however_it_lies(toolpaths):
-    printer, toolpath = load_printer("cr10"), toolpaths["springer"]
-    turned = rotate(toolpath, Rotation.from_rotvec([0.3, -1.1, 0.4]).as_matrix(), about=(100.0, 20.0, -30.0))
-    here, there = (scaled_model(path, printer, SCALE, WIDTH) for path in (toolpath, turned))
-    for a, b in zip(here.beads, there.beads, strict=True):
-        assert np.abs(a.points - b.points).max() < 1e-9
-        assert a.height == pytest.approx(b.height)
-    assert here.volume == pytest.approx(there.volume)
-
-
 def test_a_centred_bed_and_no_comments(tmp_path, toolpaths):
     printer = variant(tmp_path, origin='"centre"', e_unit='"filament"\ncomments = false')
     text = gcode(toolpaths["several curves"], printer, SCALE, WIDTH)
@@ -284,90 +224,38 @@ def test_a_centred_bed_and_no_comments(tmp_path, toolpaths):
     assert np.abs(points[:, :2]).max() < 20.0
 
 
-@pytest.mark.parametrize(
-    ("scale", "width", "says"),
-    [
-        (
-            1 / 25,
-            20.0,
-            r"width at 1:25 .* 0.8 mm \(layer 0, curve 0\), less than the 1.2 mm.*at least 1:16.6 ",
-        ),
-        (1 / 5, 20.0, r"width at 1:5 .* 4 mm \(layer 0, curve 0\), more than the 3 mm.*at most 1:6.67"),
-        (1 / 6, 12.0, r"height at 1:6 .* 1.67 mm \(layer 0.*more than the 1.5 mm.*at most 1:6.67"),
-        (
-            1.0,
-            2.0,
-            "no scale suits: .* at least 1:1.66.*, and the nozzle's thickest layer for at most 1:6.66",
-        ),
-        (0.0, 20.0, "scale .* above 0"),
-        (float("nan"), 20.0, "scale .* above 0"),
-        (SCALE, -3.0, "bead width .* above 0"),
-    ],
-)
-def test_what_a_printer_cannot_print_is_one_sentence_with_the_scales_it_can(toolpaths, scale, width, says):
-    toolpath = Toolpath(
-        Plane.horizontal(),
-        (
-            Layer(
-                Plane.horizontal(5.0),
-                Plane.horizontal(10.0),
-                (Curve(np.array([[0.0, 0], [90, 0], [0, 90]])),),
-            ),
-        ),
-        10.0,
-    )
-    with pytest.raises(PlanningError, match=says) as error:
-        gcode(toolpath, load_printer("cr10"), scale, width)
-    assert "\n" not in str(error.value)
+@pytest.mark.parametrize("printer", SHIPPED)
+def test_every_start_primes_within_the_margin_or_says_which_macro_does(printer):
+    text = (shipped_configurations() / "printers" / f"{printer}.toml").read_text()
+    printer = load_printer(printer)
+    place, margin, primed = np.full(3, np.nan), printer.bed.margin, 0.0
+    start = printer.gcode.start.format(nozzle_c=210, bed_c=60, bed_x=300, bed_y=300, park_z=100)
+    for line in parse_gcode_lines(start):
+        if line.command_str in ("G0", "G1"):
+            for k, axis in enumerate("XYZ"):
+                place[k] = line.params.get(axis, place[k])
+            if line.params.get("E", 0.0) > 0.0:
+                assert place[0] + 1.5 * printer.nozzle.diameter < margin
+                primed += line.params["E"]
+    if not primed:
+        macro = start.split()[0]
+        assert macro not in ("G28", "M109")
+        assert re.search(rf"{macro} must [^.]*\bprime\b", text.replace("\n# ", " "))
+    else:
+        assert primed >= 20.0
+        assert place[2] <= printer.bed.safe_z
 
 
-def test_the_scales_that_it_names_can_be_printed(toolpaths):
-    printer, toolpath = load_printer("cr10"), toolpaths["several curves"]
-    with pytest.raises(PlanningError) as error:
-        gcode(toolpath, printer, 1 / 100, WIDTH)
-    named = [float(n) for n in re.findall(r"(?:at least|at most) 1:([\d.]+)", str(error.value))]
-    assert len(named) == 2
-    for n in named:
-        assert Machine(gcode(toolpath, printer, 1 / n, WIDTH)).beads
-
-
-@pytest.mark.parametrize(("axis", "points"), [("x", [[0, 0], [4000, 0]]), ("y", [[0, 0], [0, 4000]])])
-def test_a_model_larger_than_the_bed_is_refused(axis, points):
-    curve = Curve(np.array(points, dtype=float), closed=False)
-    toolpath = Toolpath(
-        Plane.horizontal(), (Layer(Plane.horizontal(5.0), Plane.horizontal(10.0), (curve,)),), 10.0
-    )
-    with pytest.raises(PlanningError, match=rf"long in {axis}, more than the 280 mm.*at most 1:14.4"):
-        gcode(toolpath, load_printer("cr10"), SCALE, WIDTH)
-
-
-def test_a_model_higher_than_the_printer_is_refused(tmp_path, toolpaths):
-    with pytest.raises(PlanningError, match=r"32 mm high in z .layer 39.*more than the 29 mm"):
-        gcode(toolpaths["vase"], variant(tmp_path, height="30.0"), SCALE, WIDTH)
-
-
-def test_layers_too_steep_for_the_upright_nozzle_are_named(tmp_path, toolpaths):
-    toolpath = toolpaths["springer"]
-    tilt = [np.degrees(np.arccos(layer.nozzle.normal[2])) for layer in toolpath.layers]
-    first = int(np.argmax(np.array(tilt) > 20.0))
-    with pytest.raises(PlanningError, match=rf"layer {first} is tilted by {tilt[first]:.1f}°.*max_tilt_deg"):
-        gcode(toolpath, variant(tmp_path, max_tilt_deg="20.0"), SCALE, WIDTH)
-
-
-def test_a_hot_end_that_would_hit_the_uphill_side_is_refused(tmp_path, toolpaths):
-    # The springer's last layer rises by 180 · sin 28° / 12.5 = 6.8 mm from one side to the other.
-    toolpath = toolpaths["springer"]
-    with pytest.raises(PlanningError, match=r"layer \d+: the model at 1:12.5 .* into the hot end") as error:
-        gcode(toolpath, variant(tmp_path, length="6.0"), SCALE, WIDTH)
-    named = float(re.search(r"choose a scale of 1:([\d.]+) or less", str(error.value))[1])
-    assert gcode(toolpath, variant(tmp_path, length="6.0"), 1 / named, WIDTH)
-    assert gcode(toolpath, variant(tmp_path, length="7.0"), SCALE, WIDTH)
-    assert gcode(toolpath, variant(tmp_path, length="6.0", hot_end="8.0"), SCALE, WIDTH)
-    # Without a tilt there is nothing uphill, whatever the hot end.
-    assert gcode(toolpaths["vase"], variant(tmp_path, length="0.1"), SCALE, WIDTH)
-
-
-def test_a_toolpath_without_curves_is_refused():
-    empty = Toolpath(Plane.horizontal(), (Layer(Plane.horizontal(5.0), Plane.horizontal(10.0)),), 10.0)
-    with pytest.raises(PlanningError, match="no curves"):
-        gcode(empty, load_printer("cr10"), SCALE, WIDTH)
+@pytest.mark.parametrize("printer", SHIPPED)
+def test_the_first_travel_crosses_high_and_the_last_lift_is_drawn_back(toolpaths, printer):
+    text = gcode(toolpaths["several curves"], load_printer(printer), SCALE, WIDTH)
+    machine = Machine(text, 1.75)
+    (start, up, drawn), (before, across, _), (_, down, _) = machine.travels[:3]
+    assert up[2] == before[2] == across[2] >= load_printer(printer).bed.safe_z
+    assert np.array_equal(up[:2], start[:2], equal_nan=True)
+    assert across[2] == up[2]
+    assert down[2] < 2.0
+    assert drawn > 0.0
+    lift = next(t for t in reversed(machine.travels) if (t[0][:2] == machine.beads[-1][1][-1][:2]).all())
+    assert lift[2] > 0.0
+    assert machine.retracted > 0.0

@@ -113,6 +113,14 @@ def test_folders_without_a_job(tmp_path, twincell, one_sentence):
     one_sentence(twincell("reconstruct", tmp_path / "broken.json"), "broken.json")
 
 
+def test_what_cannot_be_written_is_said(tmp_path, job, twincell, one_sentence):
+    (tmp_path / "file").write_text("mine")
+    part = tmp_path / "box.ply"
+    one_sentence(twincell("new", part, "-o", tmp_path / "file"), "no folder can be made there")
+    one_sentence(twincell("new", part, "-o", tmp_path / "file" / "job"), "no folder can be made there")
+    one_sentence(twincell("demo", "--out", tmp_path / "file" / "job"), "cannot be read or written")
+
+
 def test_run_before_plan(job, twincell, one_sentence):
     one_sentence(twincell("run", job), "no such program", "twincell plan")
     one_sentence(twincell("check", job), "no such program")
@@ -127,7 +135,7 @@ def test_a_foreign_package_of_the_same_name_is_named(tmp_path):
     (tmp_path / "robot").mkdir()
     (tmp_path / "robot" / "__init__.py").write_text("")
     ended = subprocess.run(
-        [sys.executable, "-c", "from twincell.__main__ import main; main()"],
+        [sys.executable, "-c", "from twincell.__main__ import main; main()", "run", "job"],
         capture_output=True,
         text=True,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},

@@ -1,4 +1,7 @@
 import json
+import shutil
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,15 +9,34 @@ import trimesh
 from shapes import manifold_faults, torus
 
 from planning import Program
+from twincell.cli import main
 from twins import Curve, Twin, load_toolpath, save_toolpath, signed_volume
 
 
-@pytest.fixture
-def part(tmp_path):
-    path = tmp_path / "torus.stl"
+@pytest.fixture(scope="module")
+def folder_of_all(tmp_path_factory):
+    """A part and its job, made and planned once; tests work on copies."""
+    folder = tmp_path_factory.mktemp("all")
     mesh = torus(R=60.0, r=25.0)
-    trimesh.Trimesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).export(path)
-    return path
+    trimesh.Trimesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)).export(folder / "torus.stl")
+    with pytest.MonkeyPatch.context() as patch:
+        for words in (["new", folder / "torus.stl", "-o", folder / "job"], ["plan", folder / "job"]):
+            patch.setattr(sys, "argv", ["twincell", *map(str, words)])
+            with pytest.raises(SystemExit) as ended:
+                main()
+            assert not ended.value.code
+    return folder
+
+
+@pytest.fixture
+def part(folder_of_all):
+    return folder_of_all / "torus.stl"
+
+
+@pytest.fixture
+def job(tmp_path, folder_of_all):
+    """A planned job of a test's own."""
+    return Path(shutil.copytree(folder_of_all / "job", tmp_path / "job"))
 
 
 def test_new_plan_check(tmp_path, part, twincell):
@@ -56,10 +78,7 @@ def test_reconstruct_writes_the_surface(tmp_path, part, twincell):
     assert manifold_faults(trimesh.load(out, process=False)) == (0, 0)
 
 
-def test_a_stale_program_is_noticed(tmp_path, part, twincell, one_sentence):
-    job = tmp_path / "job"
-    twincell("new", part, "-o", job)
-    twincell("plan", job)
+def test_a_stale_program_is_noticed(job, twincell, one_sentence):
     settings = job / "job.toml"
     settings.write_text(settings.read_text().replace("speed = 80.0", "speed = 60.0"))
     one_sentence(twincell("check", job), "print", "plan again")
@@ -67,10 +86,7 @@ def test_a_stale_program_is_noticed(tmp_path, part, twincell, one_sentence):
     assert twincell("check", job)[0] == 0
 
 
-def test_a_failed_stage_leaves_the_job_as_it_was(tmp_path, part, twincell, one_sentence):
-    job = tmp_path / "job"
-    twincell("new", part, "-o", job)
-    twincell("plan", job)
+def test_a_failed_stage_leaves_the_job_as_it_was(job, twincell, one_sentence):
     before = {p.name: p.read_bytes() for p in job.iterdir() if p.is_file() and p.name != "job.toml"}
     settings = job / "job.toml"
     settings.write_text(settings.read_text().replace("# height = 300.0", "height = 20.0 #"))
@@ -87,10 +103,7 @@ def edit(job, layer, factor):
     return twin.toolpath
 
 
-def test_an_edited_toolpath_is_printed_and_never_lost(tmp_path, part, twincell, caplog):
-    job = tmp_path / "job"
-    twincell("new", part, "-o", job)
-    twincell("plan", job)
+def test_an_edited_toolpath_is_printed_and_never_lost(job, twincell, caplog):
     before = trimesh.load(job / "surface.ply", process=False)
     edited = edit(job, 2, 0.9)
     written = (job / "toolpath.json").read_bytes()
@@ -108,27 +121,30 @@ def test_an_edited_toolpath_is_printed_and_never_lost(tmp_path, part, twincell, 
     assert np.array_equal(trimesh.load(job / "surface.ply", process=False).vertices, before.vertices)
 
 
-def test_a_job_can_begin_with_a_toolpath(tmp_path, part, twincell, one_sentence):
-    twincell("new", part, "-o", tmp_path / "first")
-    twincell("slice", tmp_path / "first")
-    job = tmp_path / "second"
-    assert twincell("new", tmp_path / "first" / "toolpath.json", "-o", job)[0] == 0
+def test_a_job_can_begin_with_a_toolpath(tmp_path, job, twincell, one_sentence, caplog):
+    first, job = job, tmp_path / "second"
+    assert twincell("new", first / "toolpath.json", "-o", job)[0] == 0
     assert not (job / "part.ply").exists()
-    assert twincell("plan", job)[0] == 0
+    code, out, _ = twincell("plan", job, "--json")
+    assert code == 0
+    # Nobody has edited anything, and there is no part to relax: its surface can become one.
+    assert not caplog.text
+    (finding,) = json.loads(out)["findings"]
+    assert finding["kind"] == "overhang by ground"
+    assert f"twincell new {job / 'surface.ply'}" in finding["remedy"]
     assert twincell("check", job)[0] == 0
     assert signed_volume(trimesh.load(job / "surface.ply", process=False)) > 0
-    one_sentence(twincell("slice", job), "part.ply", "no such file")
+    one_sentence(twincell("slice", job), "made from a toolpath", f"twincell plan {job}")
     one_sentence(twincell("new", job / "toolpath.json", "-o", tmp_path / "c", "--longest", 10), "as it is")
 
 
-def test_gcode_of_a_scaled_model(tmp_path, part, twincell, one_sentence):
-    twincell("new", part, "-o", tmp_path / "job")
-    code, out, err = twincell("gcode", tmp_path / "job", "--scale", 12.5, "--json")
+def test_gcode_of_a_scaled_model(job, twincell, one_sentence):
+    code, out, err = twincell("gcode", job, "--scale", 12.5, "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["layers"] == 5
-    assert ";LAYER:4" in (tmp_path / "job" / "model.gcode").read_text()
-    one_sentence(twincell("gcode", tmp_path / "job", "--scale", 0), "--scale", "above 0")
-    one_sentence(twincell("gcode", tmp_path / "job", "--printer", "none"), "none")
+    assert ";LAYER:4" in (job / "model.gcode").read_text()
+    one_sentence(twincell("gcode", job, "--scale", 0), "--scale", "above 0")
+    one_sentence(twincell("gcode", job, "--printer", "none"), "none")
 
 
 def test_layers_are_thinner_where_the_part_is_flat(tmp_path, part, twincell):
@@ -139,6 +155,10 @@ def test_layers_are_thinner_where_the_part_is_flat(tmp_path, part, twincell):
     assert twincell("plan", job)[0] == 0
     toolpath = load_toolpath(job / "toolpath.json")
     heights = np.diff([0.0, *(layer.nozzle.origin[2] for layer in toolpath.layers)])
+    _, out, _ = twincell("slice", job, "--json")
+    assert json.loads(out)["local_height_mm"] == pytest.approx(
+        {"least": heights.min(), "greatest": heights.max()}, abs=1e-4
+    )
     assert heights.sum() == pytest.approx(50.0, abs=1e-6)
     assert (heights >= 4.0 - 1e-9).all()
     assert (heights <= 12.0 + 1e-9).all()

@@ -36,6 +36,8 @@ def test_a_job_is_written_at_its_scale(job):
     path = job.folder / "model.gcode"
     assert told["file"] == str(path)
     assert told["scale"] == "1:12.5"
+    assert told["needs"] == "a 1.5 mm nozzle: beads 1.6 mm wide, 0.8 mm high"
+    assert f"; needs {told['needs']}\n" in path.read_text()
     points = moves(path)
     assert np.ptp(points, axis=0)[:2] == pytest.approx([24.0, 16.0], abs=1e-3)
     assert points[:, 2].max() == pytest.approx(4.0, abs=1e-3)
@@ -47,7 +49,7 @@ def test_a_job_is_written_at_its_scale(job):
         told["model_volume_mm3"] / (np.pi / 4 * 1.75**2) / 1000, abs=1e-3
     )
     assert told["print_time_s"] >= told["layers"] * 10.0 * (1 - 1e-6)  # the printer's layer_time_min
-    assert not list(job.folder.glob("*.partial"))
+    assert not list(job.folder.glob("*partial*"))
 
 
 def test_scale_printer_width_and_file_are_options(tmp_path, job):
@@ -57,6 +59,7 @@ def test_scale_printer_width_and_file_are_options(tmp_path, job):
     told = gcode_job(job, scale=25.0, printer="mine", width=24.0, out=out)
     assert np.ptp(moves(out), axis=0)[:2] == pytest.approx([12.0, 8.0], abs=1e-3)
     assert told["size_mm"][0] == pytest.approx(12.0 + 24.0 / 25.0, abs=0.051)
+    assert told["needs"] == "a 0.8 mm nozzle: beads 0.96 mm wide, 0.4 mm high"
     assert not (job.folder / "model.gcode").exists()
 
 
@@ -69,6 +72,7 @@ def test_scale_printer_width_and_file_are_options(tmp_path, job):
         ({"printer": "ender"}, ConfigurationError, "shipped printers: cr10"),
         ({"width": -1.0}, PlanningError, "bead width .* above 0"),
         ({"out": "nowhere/model.gcode"}, JobError, "nowhere/model.gcode: cannot be written"),
+        ({"out": "job"}, JobError, "job: cannot be written"),
     ],
 )
 def test_refusals_are_one_sentence_and_write_nothing(tmp_path, job, options, error, says):
@@ -78,3 +82,4 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path, job, options, err
         gcode_job(job, **options)
     assert "\n" not in str(raised.value)
     assert not list(tmp_path.rglob("*.gcode*"))
+    assert not list(tmp_path.rglob("*partial*"))

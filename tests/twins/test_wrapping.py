@@ -1,3 +1,6 @@
+import re
+import time
+
 import numpy as np
 import pytest
 import trimesh
@@ -5,8 +8,23 @@ from scipy.spatial.transform import Rotation
 from shapes import REFERENCE, SHAPES, fan_top, manifold_faults, vase_radius
 
 from twincell.springer import springer_top
-from twins import Plane, PlanesError, ToolpathError, layer_planes, reconstruct, signed_volume, slice_surface
+from twins import (
+    Curve,
+    Layer,
+    Plane,
+    PlanesError,
+    Toolpath,
+    ToolpathError,
+    layer_planes,
+    reconstruct,
+    save_toolpath,
+    save_unwrapped,
+    signed_volume,
+    slice_surface,
+    unwrap,
+)
 from twins.formats.curves import read_curves, save_curves
+from twins.wrapping.section_planes import find_sections
 from twins.wrapping.space_curve import SpaceCurve
 from twins.wrapping.wrapping import wrap
 
@@ -132,6 +150,128 @@ def test_a_given_bed_lends_its_frame():
         for layer, true in zip(wrapped.toolpath.layers, toolpath.layers, strict=True):
             assert np.abs(layer.nozzle.origin - true.nozzle.origin).max() < CLOSE
             assert np.abs(layer.slicing.rotation - true.slicing.rotation).max() < CLOSE
+
+
+@pytest.mark.parametrize("at", ["nozzle", "slicing"])
+@pytest.mark.parametrize("rotary", [False, True])
+def test_heights_in_a_file_tell_the_bed_and_layers_of_any_thickness(rotary, at, tmp_path):
+    axis = np.array([400.0, 0.0, 0.0])
+    planes = []
+    for height in (
+        0.0,
+        1.5,
+        3.0,
+        7.5,
+        12.0,
+        16.5,
+        21.0,
+        23.5,
+        26.0,
+    ):  # bed, slicing, nozzle, slicing, nozzle …
+        R = Rotation.from_rotvec([0.0, height / 400.0, 0.0]).as_matrix()
+        planes.append(Plane(axis - R @ axis, R[:, 0], R[:, 1]) if rotary else Plane.horizontal(height))
+    u, v = np.array([0.0, 60.0, 30.0]), np.array([0.0, 10.0, 50.0])
+    drawn = (Curve(np.column_stack([u, v])), Curve(np.column_stack([u - 90.0, v])[:2], closed=False))
+    layers = [Layer(*pair, drawn) for pair in zip(planes[1::2], planes[2::2], strict=True)]
+    toolpath = Toolpath(planes[0], tuple(layers), 6.5)
+    files = [tmp_path / f"curves.{ending}" for ending in ("json", "csv", "dxf")]
+    for file in files:
+        save_unwrapped(unwrap(toolpath, at), file)
+    if at == "nozzle":
+        files.append(tmp_path / "toolpath.json")
+        save_toolpath(toolpath, files[-1])
+    names = [(curve.layer, curve.curve) for curve in unwrap(toolpath)]
+    for file in files:
+        curves = read_curves(file)
+        assert_same_toolpath(wrap(curves, at=at), names, toolpath)
+        # What is given is not told.
+        lower = wrap(curves, at=at, bed=Plane.horizontal(-7.0)).toolpath
+        assert lower.base.origin[2] == -7.0
+        again = [SpaceCurve(c.points, c.closed, c.widths, c.heights) for c in curves]
+        save_curves(again, file.with_suffix(".again.json"))
+        for a, b in zip(curves, read_curves(file.with_suffix(".again.json")), strict=True):
+            assert np.array_equal(a.heights, b.heights)
+
+
+def test_heights_that_tell_no_bed_are_refused():
+    curve = ring(Plane.horizontal(10.0), 0.0, 30.0)
+    said = SpaceCurve(curve.points, True, heights=np.where(np.arange(24) < 3, 5.0, 10.0))
+    with pytest.raises(PlanesError, match=r"layer 0: the heights .* do not tell"):
+        wrap([said])
+    assert wrap([said], thickness=4.0).toolpath.base.origin[2] == pytest.approx(6.0)
+
+
+def test_far_tilted_curves_have_their_frames_under_the_part():
+    R = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
+    far = np.array([9e5, -9e5, 9e5])
+    curves = [SpaceCurve(ring(Plane.horizontal(z), 0.0, 50.0).points @ R.T + far) for z in (10, 20, 30)]
+    toolpath = wrap(curves).toolpath
+    assert np.linalg.norm(toolpath.base.origin - far) < 1e-3
+    for _, _, layer, curve in toolpath.curves():
+        assert np.abs(np.linalg.norm(curve.points, axis=1) - np.hypot(*curve.points.T)).max() < CLOSE
+        assert np.abs(curve.points).max() < 51.0
+        assert np.abs(layer.nozzle.normal - R[:, 2]).max() < CLOSE
+
+
+def test_the_place_where_planes_cross_is_one_of_the_part():
+    here = np.array([4000.0, -700.0, 90.0])
+    curves = [ring(FLAT[0], 0.0, 60.0), ring(tilted_plane(15.0, 0.3), 0.0, 60.0)]
+    curves = [SpaceCurve(curve.points + here) for curve in curves]
+    with pytest.raises(PlanesError, match="cross or meet") as caught:
+        wrap(curves)
+    place = [float(word) for word in re.search(r"at \((.*?)\)", str(caught.value))[1].split(",")]
+    points = np.concatenate([curve.points for curve in curves])
+    nearest = np.linalg.norm(points - place, axis=1)
+    assert nearest.min() < 1e-3
+    # There the planes are in the wrong order: it lies where the upper one has come down through the lower one.
+    assert place[0] < here[0] - 5.0 / np.tan(0.3) + 1e-3
+
+
+def legs(*heights):
+    """Rings on columns side by side."""
+    return [ring(Plane.horizontal(z), [200.0 * k, 0.0], 30.0) for k, zs in enumerate(heights) for z in zs]
+
+
+def test_columns_with_layers_of_their_own_are_not_interleaved():
+    same = wrap(legs((10, 20, 30), (10, 20, 30), (10, 20)))
+    assert [len(layer.curves) for layer in same.toolpath.layers] == [3, 3, 2]
+    assert same.hanging == ()
+    for heights in (((10, 20, 30), (12, 24, 36)), ((9, 20), (10, 21)), ((10, 20, 30), (15, 25), (12, 24))):
+        with pytest.raises(PlanesError, match=r"under it, only layer .* layers of their own"):
+            wrap(legs(*heights))
+    # Layers in common: the last ring of the first column is not measured from the one below it, and is listed.
+    assert wrap(legs((10, 20, 30, 40), (10, 20, 30, 35))).hanging == (3,)
+    # A gap in the middle of a part is thick, but rests on what is below it.
+    gap = wrap(legs((10, 20, 50, 60), (10, 20, 50, 60)))
+    assert len(gap.toolpath.layers) == 4
+    # Every second plane of the other column: it may be a tip that hangs down each time.
+    coarse = wrap(legs((10, 20, 30, 40, 50), (20, 40)))
+    assert coarse.hanging == (6,)
+
+
+def test_closed_curves_turned_because_of_an_open_one_are_named():
+    plane = Plane.horizontal(10.0)
+    wall = SpaceCurve(plane.to_world(np.array([[-40.0, 0], [-40, 40], [40, 40], [40, 0]])), closed=False)
+    outside = ring(plane, [100.0, 20.0], 9.0)
+    column, hole = ring(plane, [0.0, 20.0], 9.0), ring(plane, [0.0, 20.0], 4.0)
+    assert wrap([wall, outside, column, hole], thickness=5.0).by_open == (2, 3)
+    whole = SpaceCurve(wall.points)
+    assert wrap([whole, outside, column, hole], thickness=5.0).by_open == ()
+    assert wrap([outside, column, hole], thickness=5.0).by_open == ()
+
+
+def test_four_times_the_layers_take_about_four_times_as_long():
+    """Comparing every layer with every point of all others would take sixteen times as long."""
+    times = []
+    for count in (250, 1000):
+        curves = [ring(Plane.horizontal(z), 0.0, 30.0, 100).points for z in range(count)]
+        runs = []
+        for _ in range(3):
+            start = time.process_time()
+            assert len(find_sections(curves, 1e-3)) == count
+            runs.append(time.process_time() - start)
+        times.append(min(runs))
+    assert times[1] < 8.0 * times[0]
 
 
 def ring(plane, centre, radius, n=24, share=1.0, squash=0.7):
@@ -367,7 +507,12 @@ AMBIGUOUS = {
         {},
         "curve 0 and curve 1 cross or meet inside the part",
     ),
-    "one layer": (STACK[:1], {}, "give a bed or a thickness"),
+    "one layer": (STACK[:1], {}, "give a `bed` or a `thickness`"),
+    "layers of their own": (
+        [*STACK, *(ring(Plane.horizontal(z), [200.0, 0.0], 30.0) for z in (12, 24, 36))],
+        {},
+        r"layer 2 \(curve 1\) has nothing of layer 1 \(curve 3\) under it, only layer 0 \(curve 0\)",
+    ),
     "parallel to up": (STACK, {"up": (0.0, 1.0, 0.0)}, r"curve \d is parallel to up"),
     "up is nothing": (STACK, {"up": (0.0, 0.0, 0.0)}, "up must be"),
     "up is not a number": (STACK, {"up": (0.0, np.nan, 1.0)}, "up must be"),
@@ -387,8 +532,8 @@ AMBIGUOUS = {
     ),
     "top of nozzle planes": (STACK, {"top": Plane.horizontal(50.0)}, "a top is for"),
     "at": (STACK, {"at": "middle"}, "not at 'middle'"),
-    "negative thickness": (STACK, {"thickness": -1.0}, "thickness must be"),
-    "tolerance is not a number": (STACK, {"tolerance": np.nan}, "tolerance must be"),
+    "negative thickness": (STACK, {"thickness": -1.0}, "`thickness` must be"),
+    "tolerance is not a number": (STACK, {"tolerance": np.nan}, "`tolerance` must be"),
     "one place": ([SpaceCurve(np.ones((4, 3)))], {}, "the same place"),
     "a point": ([*STACK, SpaceCurve(np.ones((4, 3)))], {}, "curve 3 has too few different points"),
 }

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Layer, Toolpath
 
@@ -33,6 +34,7 @@ class BeadOverlap:
     place: tuple[float, float, float] | None
 
 
+@checks_kinds
 def bead_overlap(toolpath: Toolpath, width: float) -> tuple[BeadOverlap, ...]:
     """How far the beads of each layer press into one another; every bead counts with its width where it is.
 

@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely.geometry.base import BaseGeometry
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.extrusion import QUAD_SEGS, bead_region
 from twins.toolpath import Curve, Layer, Toolpath
@@ -106,6 +107,7 @@ class WidthVariation:
         return BeadCover.total([layer.after for layer in self.layers])
 
 
+@checks_kinds
 def vary_width(
     toolpath: Toolpath,
     w_min: float,

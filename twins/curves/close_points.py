@@ -18,6 +18,7 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Toolpath
 
@@ -113,6 +114,7 @@ def check_distance(distance: float) -> float:
     return float(distance)
 
 
+@checks_kinds
 def spacing(toolpath: Toolpath, min_distance: float) -> tuple[Spacing, ...]:
     """How close the curves of each layer come to one another.
 

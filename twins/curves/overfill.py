@@ -31,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -109,6 +110,7 @@ class OverfillRelief:
         return max((layer.area_change for layer in self.layers), key=abs, default=0.0)
 
 
+@checks_kinds
 def relieve_overfill(
     toolpath: Toolpath,
     min_distance: float,

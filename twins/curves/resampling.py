@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -26,6 +27,7 @@ _EVEN = 1e-9
 _MOST_POINTS = 10_000_000  # of one curve
 
 
+@checks_kinds
 def resample(
     toolpath: Toolpath,
     length: float,

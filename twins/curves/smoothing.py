@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -97,6 +98,7 @@ class _Settings:
     rolled: bool
 
 
+@checks_kinds
 def smooth(
     toolpath: Toolpath,
     side: Literal[-1, 0, 1],

@@ -28,6 +28,7 @@ class Piece:
         closed: as the file says; None where it does not, and the ends decide.
         widths: shape (n,), mm, or None.
         loose: may be joined to others: a line, an arc or a spline by itself.
+        heights: of the bead, see `SpaceCurve`, shape (n,), mm, or None.
     """
 
     points: Array
@@ -35,6 +36,7 @@ class Piece:
     closed: bool | None = None
     widths: Array | None = None
     loose: bool = False
+    heights: Array | None = None
 
 
 def curves_of(pieces: Sequence[Piece], join: float | None) -> tuple[SpaceCurve, ...]:
@@ -45,7 +47,7 @@ def curves_of(pieces: Sequence[Piece], join: float | None) -> tuple[SpaceCurve, 
         join: distance within which ends meet, mm; None: `MEETING` times the size of the drawing.
 
     Raises:
-        FormatError: a piece is no curve, or more than two loose ends meet.
+        FormatError: a piece is no curve or is drawn twice, or more than two loose ends meet.
     """
     for piece in pieces:
         if len(piece.points) < 2:
@@ -58,12 +60,13 @@ def curves_of(pieces: Sequence[Piece], join: float | None) -> tuple[SpaceCurve, 
     near = MEETING * float(np.linalg.norm(np.ptp(everywhere, axis=0))) if join is None else join
     curves = []
     for piece in _chained(pieces, near):
-        points, widths, closed = piece.points, piece.widths, piece.closed
+        points, widths, heights, closed = piece.points, piece.widths, piece.heights, piece.closed
         repeats = len(points) > 2 and float(np.linalg.norm(points[-1] - points[0])) <= near
         if repeats and closed is not False:
-            points, widths = points[:-1], None if widths is None else widths[:-1]
+            points = points[:-1]
+            widths, heights = (None if values is None else values[:-1] for values in (widths, heights))
         try:
-            curves.append(SpaceCurve(points, repeats if closed is None else closed, widths))
+            curves.append(SpaceCurve(points, repeats if closed is None else closed, widths, heights))
         except ToolpathError as error:
             raise FormatError(f"{piece.where}: {error}") from None
     return tuple(curves)
@@ -95,10 +98,23 @@ def _chained(pieces: Sequence[Piece], near: float) -> list[Piece]:
         while other.get(run[-1] ^ 1, entry) != entry:
             run.append(other[run[-1] ^ 1])
         used.update(end // 2 for end in run)
+        if len(run) == 2 and entry in other:
+            a, b = (pieces[loose[end // 2]] for end in sorted(run))
+            _check_apart(a, b, near)
         parts = [pieces[loose[end // 2]].points[:: -1 if end % 2 else 1] for end in run]
         points = np.vstack([parts[0], *(part[1:] for part in parts[1:])])
         chains[i] = pieces[i] if len(run) == 1 else Piece(points, f"{pieces[i].where} and what it meets")
     return [chains.get(i, piece) for i, piece in enumerate(pieces) if i in chains or i not in single]
+
+
+def _check_apart(a: Piece, b: Piece, near: float) -> None:
+    """Two pieces that meet at both ends must have something between them."""
+    if len(a.points) != len(b.points):
+        return
+    turned = np.linalg.norm(a.points[0] - b.points[0]) > near
+    if np.linalg.norm(a.points - b.points[:: -1 if turned else 1], axis=1).max() <= near:
+        other = b.where.removeprefix(a.where.partition(": ")[0] + ": ")
+        raise FormatError(f"{a.where}: is drawn twice, the other time as {other}; delete doubled ones")
 
 
 def _meeting_ends(pieces: Sequence[Piece], loose: Sequence[int], near: float) -> dict[int, int]:

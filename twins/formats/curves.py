@@ -10,6 +10,7 @@ from twins.errors import FormatError
 from twins.wrapping.space_curve import SpaceCurve
 
 from .chaining import Piece, curves_of
+from .content import check_content
 from .labelled import Labelled, write_whole
 from .tables import read_csv, read_json, write_csv, write_json
 
@@ -44,12 +45,11 @@ def read_curves(
     """
     path = Path(path)
     ending = path.suffix.lower()
-    if ending not in SUFFIXES:
+    if ending not in SUFFIXES and not path.is_dir():
         raise FormatError(
             f"{path}: unknown ending '{path.suffix}'; curves are read from {', '.join(SUFFIXES)}"
         )
-    if not path.is_file():
-        raise FormatError(f"{path}: no such file")
+    check_content(path)
     if not (chord > 0 and math.isfinite(chord)):
         raise FormatError(f"{path}: the chord tolerance must be above 0 mm, not {chord}")
     if join is not None and not (join >= 0 and math.isfinite(join)):

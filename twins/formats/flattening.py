@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 MOST = 1_000_000
 """Points of one curve beyond which the chord tolerance is taken for a mistake."""
@@ -67,25 +68,30 @@ def spline_pieces(control: Array, knots: npt.ArrayLike, degree: int) -> Array:
         raise ValueError(f"{n} control points and {len(t)} knots do not make a spline of degree {degree}")
     if not np.isfinite(t).all() or (np.diff(t) < 0).any():
         raise ValueError("its knots fall, or are not finite")
-    spans = [k for k in range(degree, n) if t[k] < t[k + 1]]
-    if not spans:
+    spans = np.flatnonzero(t[degree:n] < t[degree + 1 : n + 1]) + degree
+    if not len(spans):
         raise ValueError("its knots are all the same")
     pieces = np.empty((len(spans), degree + 1, 4))
-    for row, k in enumerate(spans):
-        for j in range(degree + 1):
-            pieces[row, j] = _blossom(control, t, degree, k, [t[k]] * (degree - j) + [t[k + 1]] * j)
+    for j in range(degree + 1):
+        pieces[:, j] = _blossoms(control, t, degree, spans, [spans] * (degree - j) + [spans + 1] * j)
     return pieces
 
 
-def _blossom(control: Array, t: Array, degree: int, k: int, at: list[float]) -> Array:
-    """The polar form of span k (de Boor's recursion with an argument of its own at each level)."""
-    d = control[k - degree : k + 1].copy()
-    for level, value in enumerate(at, start=1):
+def _blossoms(control: Array, t: Array, degree: int, spans: Indices, at: list[Indices]) -> Array:
+    """The polar form of each span (de Boor's recursion with an argument of its own at each level), shape (m, 4).
+
+    Args:
+        control, t, degree: of the spline.
+        spans: indices of knots where spans begin, shape (m,).
+        at: the arguments, indices of knots, each shape (m,).
+    """
+    d = [control[spans - degree + j] for j in range(degree + 1)]
+    for level, knots in enumerate(at, start=1):
         for j in range(degree, level - 1, -1):
-            i = k - degree + j
-            share = (value - t[i]) / (t[i + degree + 1 - level] - t[i])
-            d[j] = (1.0 - share) * d[j - 1] + share * d[j]
-    return np.asarray(d[degree], dtype=np.float64)
+            low = t[spans - degree + j]
+            share = (t[knots] - low) / (t[spans + j + 1 - level] - low)
+            d[j] = (1.0 - share)[:, None] * d[j - 1] + share[:, None] * d[j]
+    return d[degree]
 
 
 def flatten(pieces: Array, chord: float) -> Array:
@@ -96,24 +102,38 @@ def flatten(pieces: Array, chord: float) -> Array:
     Raises:
         ValueError: a control point is not finite, or the polyline would have more than `MOST` points.
     """
+    return corners_of(flat_pieces(pieces, chord))
+
+
+def flat_pieces(pieces: Array, chord: float) -> Array:
+    """Pieces that follow one another, halved until each lies within `chord` of the straight line between its ends.
+
+    Raises:
+        ValueError: as `flatten`.
+    """
     if not np.isfinite(pieces).all():
         raise ValueError("it has a control point that is not finite")
-    last = pieces[-1, -1, :3] / pieces[-1, -1, 3]
     order = np.arange(len(pieces), dtype=np.float64)
     half = 0.5
-    orders, corners = [], []
+    orders, found = [], []
     while len(pieces):
         flat = _distances(pieces) <= chord
         orders.append(order[flat])
-        corners.append(pieces[flat, 0, :3] / pieces[flat, 0, 3:])
-        low, high = _halves(pieces[~flat])
+        found.append(pieces[flat])
+        low, high = halves(pieces[~flat])
         if sum(len(part) for part in orders) + 2 * len(low) > MOST:
             raise ValueError(f"it needs more than {MOST} points within {chord:.3g}; give a larger chord")
         order = np.concatenate([order[~flat], order[~flat] + half])
         pieces = np.concatenate([low, high])
         half *= 0.5
     ranks = np.argsort(np.concatenate(orders), kind="stable")
-    return np.vstack([np.concatenate(corners)[ranks], last])
+    return np.asarray(np.concatenate(found)[ranks], dtype=np.float64)
+
+
+def corners_of(pieces: Array) -> Array:
+    """The ends of pieces that follow one another, shape (m + 1, 3)."""
+    ends = np.vstack([pieces[:, 0], pieces[-1:, -1]])
+    return np.asarray(ends[:, :3] / ends[:, 3:], dtype=np.float64)
 
 
 def _distances(pieces: Array) -> Array:
@@ -133,7 +153,8 @@ def _distances(pieces: Array) -> Array:
     return np.asarray(far * inside / (inside + outside), dtype=np.float64)
 
 
-def _halves(pieces: Array) -> tuple[Array, Array]:
+def halves(pieces: Array) -> tuple[Array, Array]:
+    """Both halves of each piece."""
     low, high = np.empty_like(pieces), np.empty_like(pieces)
     rest = pieces
     for k in range(pieces.shape[1]):

@@ -1,12 +1,16 @@
-"""Units of length that drawings come in."""
+"""Units of length that files come in, and the one rule for all of them.
+
+The unit that a file states counts, and one that is given must agree with it; a file that states none is in the one
+given; without either, surfaces and CSV are in mm and SVG in pixels of 1/96 inch, and other curve files are refused.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Final
 
 from twins.errors import FormatError
 
-MM = {
+MM: Final = {
     "um": 1e-3,
     "mm": 1.0,
     "cm": 10.0,
@@ -21,25 +25,27 @@ MM = {
 """Millimetres in a unit."""
 
 
-def mm_in_unit(path: Path, said: object, given: str | None) -> float:
-    """Millimetres in the unit of a file: the one the file says, or else the one that is given.
+def factor_to_mm(where: object, stated: object, given: str | None, otherwise: str | None = "mm") -> float:
+    """What a file's coordinates are multiplied by.
 
     Args:
-        path: of the file, for the errors.
-        said: unit that the file names; None where it names none.
-        given: unit that the caller names, or None.
+        where: the file, for the errors.
+        stated: unit that the file states; None where it states none.
+        given: unit that the caller gives, or None.
+        otherwise: unit if there is neither; None to refuse the file.
 
     Raises:
-        FormatError: neither is known, they contradict one another, or a unit is none of `MM`.
+        FormatError: there is none, they contradict one another, or a unit is none of `MM`.
     """
     if given is not None and given not in MM:
-        raise FormatError(f"{path}: units must be one of {', '.join(MM)}, not {given!r}")
-    if said is None and given is None:
-        raise FormatError(f'{path}: does not say its unit; give it, for example units="mm"')
-    if said is not None and (not isinstance(said, str) or said not in MM):
-        raise FormatError(f"{path}: its unit {said!r} is not known; save it in one of {', '.join(MM)}")
-    if said is not None and given is not None and said != given:
+        raise FormatError(f"{where}: unknown unit {given!r}; choose one of {', '.join(MM)}")
+    if stated is not None and (not isinstance(stated, str) or stated not in MM):
+        raise FormatError(f"{where}: its unit {stated!r} is not known; save it in one of {', '.join(MM)}")
+    if stated is not None and given is not None and stated != given:
         raise FormatError(
-            f"{path}: says that its unit is {said}, not {given}; leave units out, or correct the file"
+            f"{where}: is in {stated} as the file itself says, not in {given}; leave the unit out, or correct the file"
         )
-    return MM[str(said if said is not None else given)]
+    unit = stated or given or otherwise
+    if unit is None:
+        raise FormatError(f'{where}: does not say its unit; give it, for example `units="mm"`')
+    return MM[unit]

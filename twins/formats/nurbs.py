@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Self
 
+import numba as nb
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
@@ -23,10 +24,12 @@ class Nurbs:
     def __init__(self, degrees: tuple[int, int], knots: tuple[Array, Array], control: Array) -> None:
         self.degrees = degrees
         self.knots = tuple((k - k[p]) / (k[-p - 1] - k[p]) for k, p in zip(knots, degrees, strict=True))
-        self.control = control
+        self.control = np.ascontiguousarray(control, dtype=np.float64)
         spread = control[..., :3] / control[..., 3:]
         self.size = float(np.ptp(spread.reshape(-1, 3), axis=0).max())
+        self.flat = self._is_plane()
         self.closed = tuple(self._meets_itself(axis) for axis in range(2))
+        self.poles = tuple(self._poles(axis) for axis in range(2))
         self._tree: tuple[cKDTree[Any], Array] | None = None
 
     @classmethod
@@ -43,14 +46,20 @@ class Nurbs:
         knots = [np.array([k[0], *k, k[len(k) - 1]]) for k in map(list, (surface.KnotsU, surface.KnotsV))]
         return cls((surface.Degree(0), surface.Degree(1)), (knots[0], knots[1]), control)
 
-    @property
-    def flat(self) -> bool:
-        """A bilinear patch goes on beyond its ends; others do not."""
-        return self.degrees == (1, 1) and self.control.shape[:2] == (2, 2)
+    def _is_plane(self) -> bool:
+        """Whether the surface is a plane with even parameters."""
+        if self.degrees != (1, 1) or self.control.shape[:2] != (2, 2):
+            return False
+        weights = self.control[..., 3]
+        (a, b), (c, d) = self.control[..., :3] / weights[..., None]
+        return bool(
+            np.ptp(weights) <= 1e-12 * weights.max() and np.abs(a - b - c + d).max() <= 1e-9 * self.size
+        )
 
-    def has_pole(self, axis: int, end: float) -> bool:
-        """Whether the surface is a single point at one end of an axis."""
-        return bool(np.ptp(self.points(_border(axis, end)), axis=0).max() < 1e-7 * self.size)
+    def _poles(self, axis: int) -> tuple[tuple[float, Array], ...]:
+        """The ends of an axis at which the surface is a single point, and that point."""
+        borders = [(end, self.points(_border(axis, end))) for end in (0.0, 1.0)]
+        return tuple((end, line[0]) for end, line in borders if np.ptp(line, axis=0).max() < 1e-7 * self.size)
 
     def _meets_itself(self, axis: int) -> bool:
         """Whether the surface's end along an axis is its beginning."""
@@ -59,13 +68,7 @@ class Nurbs:
 
     def derivatives(self, uv: Array) -> tuple[Array, Array, Array]:
         """Points and both first derivatives at parameters of shape (n, 2); shape (n, 3) each."""
-        (first_u, N, dN), (first_v, M, dM) = (
-            _basis(self.knots[i], self.degrees[i], uv[:, i]) for i in range(2)
-        )
-        rows = first_u[:, None] + np.arange(self.degrees[0] + 1)
-        columns = first_v[:, None] + np.arange(self.degrees[1] + 1)
-        local = self.control[rows[:, :, None], columns[:, None, :]]
-        S, Su, Sv = (np.einsum("ni,nj,nijk->nk", a, b, local) for a, b in ((N, M), (dN, M), (N, dM)))
+        S, Su, Sv = _evaluated(self.knots[0], self.knots[1], *self.degrees, self.control, np.asarray(uv))
         weight = S[:, 3:]
         point = S[:, :3] / weight
         return (
@@ -77,12 +80,16 @@ class Nurbs:
     def points(self, uv: Array) -> Array:
         return self.derivatives(uv)[0]
 
-    def parameters(self, points: Array) -> Array:
-        """Parameters of the surface's nearest points to the given ones, shape (n, 3), by Gauss and Newton's method."""
+    def parameters(self, points: Array, near: float = 0.0) -> Array:
+        """Parameters of the surface's nearest points to the given ones, shape (n, 3), by Gauss and Newton's method.
+
+        Where the search ends further off than `near` it starts again from other places. A plane goes on beyond its
+        ends.
+        """
         tree, samples = self._samples()
         best, miss = self._nearest(points, samples[tree.query(points)[1]])
-        stuck = np.flatnonzero(miss > 1e-9 * self.size)
-        if len(stuck):
+        stuck = np.flatnonzero(miss > max(near, 1e-9 * self.size))
+        if len(stuck) and not self.flat:
             starts = np.asarray(tree.query(points[stuck], k=np.arange(2, min(6, len(samples) + 1)))[1])
             for start in starts.T:
                 other, off = self._nearest(points[stuck], samples[start])
@@ -96,40 +103,50 @@ class Nurbs:
         here, Su, Sv = self.derivatives(best)
         miss = np.linalg.norm(here - points, axis=1)
         step = np.ones(len(points))
+        going = np.arange(len(points))
         for _ in range(30):
-            gap = points - here
-            a, b, c = (np.einsum("ij,ij->i", p, q) for p, q in ((Su, Su), (Su, Sv), (Sv, Sv)))
-            e, f = (np.einsum("ij,ij->i", p, gap) for p in (Su, Sv))
-            det = a * c - b * b
-            regular = det > 1e-14 * np.maximum(a, c) ** 2
-            det = np.where(regular, det, 1.0)
-            # At a pole only one direction moves the point.
-            du = np.where(regular, (c * e - b * f) / det, e / np.maximum(a + c, 1e-300))
-            dv = np.where(regular, (a * f - b * e) / det, f / np.maximum(a + c, 1e-300))
-            if not self.flat and not self.closed[0]:
-                # Where one parameter stops at the end of the surface the other goes its own way.
-                room = np.clip(best[:, 0] + du, 0.0, 1.0) - best[:, 0]
-                dv = np.where(room != du, (f - b * room) / np.maximum(c, 1e-300), dv)
-                du = room
-            if not self.flat and not self.closed[1]:
-                room = np.clip(best[:, 1] + dv, 0.0, 1.0) - best[:, 1]
-                du = np.where(room != dv, (e - b * room) / np.maximum(a, 1e-300), du)
-                dv = room
-            tried = best + step[:, None] * np.column_stack([du, dv])
+            uv, a, b = best[going], Su[going], Sv[going]
+            way = self._step(uv, a, b, points[going] - here[going])
+            tried = uv + step[going, None] * way
             if not self.flat:
                 for axis in range(2):
                     tried[:, axis] = (
                         tried[:, axis] % 1.0 if self.closed[axis] else np.clip(tried[:, axis], 0.0, 1.0)
                     )
             there, Tu, Tv = self.derivatives(tried)
-            off = np.linalg.norm(there - points, axis=1)
-            better = off < miss
-            best[better], miss[better], here[better] = tried[better], off[better], there[better]
-            Su[better], Sv[better] = Tu[better], Tv[better]
-            step = np.where(better, 1.0, 0.5 * step)
-            if not better.any() and step.max() < 1e-3:
+            off = np.linalg.norm(there - points[going], axis=1)
+            better = off < miss[going]
+            to = going[better]
+            best[to], miss[to], here[to], Su[to], Sv[to] = (v[better] for v in (tried, off, there, Tu, Tv))
+            step[going] = np.where(better, 1.0, 0.5 * step[going])
+            moved = np.abs(way[:, 0]) * np.linalg.norm(a, axis=1) + np.abs(way[:, 1]) * np.linalg.norm(
+                b, axis=1
+            )
+            going = going[(better | (step[going] >= 1e-3)) & (moved > 1e-13 * self.size)]
+            if not len(going):
                 break
         return best, miss
+
+    def _step(self, uv: Array, Su: Array, Sv: Array, gap: Array) -> Array:
+        """The step of Gauss and Newton's method towards points at a distance `gap`, shape (n, 3), within the ends."""
+        a, b, c = (np.einsum("ij,ij->i", p, q) for p, q in ((Su, Su), (Su, Sv), (Sv, Sv)))
+        e, f = (np.einsum("ij,ij->i", p, gap) for p in (Su, Sv))
+        det = a * c - b * b
+        regular = det > 1e-14 * np.maximum(a, c) ** 2
+        det = np.where(regular, det, 1.0)
+        # At a pole only one direction moves the point.
+        du = np.where(regular, (c * e - b * f) / det, e / np.maximum(a + c, 1e-300))
+        dv = np.where(regular, (a * f - b * e) / det, f / np.maximum(a + c, 1e-300))
+        if not self.flat and not self.closed[0]:
+            # Where one parameter stops at the end of the surface the other goes its own way.
+            room = np.clip(uv[:, 0] + du, 0.0, 1.0) - uv[:, 0]
+            dv = np.where(room != du, (f - b * room) / np.maximum(c, 1e-300), dv)
+            du = room
+        if not self.flat and not self.closed[1]:
+            room = np.clip(uv[:, 1] + dv, 0.0, 1.0) - uv[:, 1]
+            du = np.where(room != dv, (e - b * room) / np.maximum(a, 1e-300), du)
+            dv = room
+        return np.column_stack([du, dv])
 
     def _samples(self) -> tuple[cKDTree[Any], Array]:
         """Points to start from: some within every span, off its ends, where a surface may meet itself."""
@@ -145,25 +162,47 @@ class Nurbs:
         return self._tree
 
 
-def _basis(knots: Array, degree: int, at: Array) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """First control point, values and derivatives of the p + 1 basis functions that are not 0, shape (n, p + 1)."""
-    span = np.clip(np.searchsorted(knots, at, side="right") - 1, degree, len(knots) - degree - 2)
-    values = np.ones((len(at), 1))
-    lower = values
+@nb.njit(cache=True, nogil=True)
+def _evaluated(
+    knots_u: Array, knots_v: Array, p: int, q: int, control: Array, uv: Array
+) -> tuple[Array, Array, Array]:
+    """Homogeneous points and both first derivatives, shape (n, 4) each."""
+    S, Su, Sv = np.zeros((len(uv), 4)), np.zeros((len(uv), 4)), np.zeros((len(uv), 4))
+    N, dN, M, dM = np.empty(p + 1), np.empty(p + 1), np.empty(q + 1), np.empty(q + 1)
+    for k in range(len(uv)):
+        row = _basis(knots_u, p, uv[k, 0], N, dN)
+        column = _basis(knots_v, q, uv[k, 1], M, dM)
+        for i in range(p + 1):
+            for j in range(q + 1):
+                for axis in range(4):
+                    value = control[row + i, column + j, axis]
+                    S[k, axis] += N[i] * M[j] * value
+                    Su[k, axis] += dN[i] * M[j] * value
+                    Sv[k, axis] += N[i] * dM[j] * value
+    return S, Su, Sv
+
+
+@nb.njit(cache=True, nogil=True)
+def _basis(knots: Array, degree: int, at: float, values: Array, slopes: Array) -> int:
+    """Values and derivatives of the p + 1 basis functions that are not 0; the first one's control point."""
+    last = len(knots) - degree - 2
+    span = max(degree, min(last, int(np.searchsorted(knots, at, side="right")) - 1))
+    values[0] = 1.0
     for p in range(1, degree + 1):
-        lower = values
-        values = np.zeros((len(at), p + 1))
+        if p == degree:
+            slopes[:] = 0.0
+            for i in range(degree):
+                share = degree * values[i] / (knots[span + 1 + i] - knots[span - degree + 1 + i])
+                slopes[i] -= share
+                slopes[i + 1] += share
+        kept = 0.0
         for i in range(p):
             left, right = knots[span - p + 1 + i], knots[span + 1 + i]
-            share = lower[:, i] / (right - left)
-            values[:, i] += (right - at) * share
-            values[:, i + 1] += (at - left) * share
-    slopes = np.zeros_like(values)
-    for i in range(degree):
-        share = degree * lower[:, i] / (knots[span + 1 + i] - knots[span - degree + 1 + i])
-        slopes[:, i] -= share
-        slopes[:, i + 1] += share
-    return span - degree, values, slopes
+            share = values[i] / (right - left)
+            values[i] = kept + (right - at) * share
+            kept = (at - left) * share
+        values[p] = kept
+    return span - degree
 
 
 def _border(axis: int, end: float) -> Array:

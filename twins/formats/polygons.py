@@ -1,39 +1,23 @@
-"""Polygon meshes as files hold them, and the units that files state."""
+"""Polygon meshes as files hold them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-from twins.errors import FormatError
-
 Array = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int64]
-
-MM: Final = {
-    "um": 1e-3,
-    "mm": 1.0,
-    "cm": 10.0,
-    "dm": 100.0,
-    "m": 1e3,
-    "km": 1e6,
-    "in": 25.4,
-    "ft": 304.8,
-    "yd": 914.4,
-}
-"""Length units that a file can state, mm."""
 
 
 @dataclass(frozen=True)
 class Polygons:
     """Faces of three and more corners on shared or separate vertices, in the file's unit.
 
-    `faces` holds one array of shape (m, k) for each number of corners k; `unit` is a key of `MM`, or None where the
-    file states none. `exact` tells that the mesh was drawn from smooth surfaces and is no control mesh.
+    `faces` holds one array of shape (m, k) for each number of corners k; `unit` is a key of `lengths.MM`, or None where
+    the file states none. `exact` tells that the mesh was drawn from smooth surfaces and is no control mesh.
     """
 
     vertices: Array
@@ -78,20 +62,3 @@ def side_by_side(parts: Sequence[Polygons], unit: str | None, *, exact: bool) ->
     return Polygons(
         vertices, tuple(np.concatenate(blocks) for _, blocks in sorted(faces.items())), unit, exact
     )
-
-
-def factor_to_mm(where: object, stated: str | None, given: str | None) -> float:
-    """What a file's coordinates are multiplied by: the unit that the file states comes before the one given.
-
-    Raises:
-        FormatError: the unit given is unknown, or contradicts the file.
-    """
-    if given is not None and given not in MM:
-        raise FormatError(f"{where}: unknown unit '{given}'; choose one of {', '.join(MM)}")
-    if stated is None:
-        return 1.0 if given is None else MM[given]
-    if given is not None and given != stated:
-        raise FormatError(
-            f"{where}: is in {stated} as the file itself says, not in {given}; leave the unit out, or correct the file"
-        )
-    return MM[stated]

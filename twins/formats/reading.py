@@ -7,6 +7,7 @@ from typing import Final
 
 from twins.errors import FormatError
 
+from .content import check_content
 from .meshes import SUFFIXES as MESH_SUFFIXES
 from .meshes import read_mesh, unit_of_mesh
 from .polygons import Polygons
@@ -17,17 +18,16 @@ SUFFIXES: Final = (*MESH_SUFFIXES, *STEP_SUFFIXES, ".3dm")
 
 
 def check_file(path: Path) -> None:
-    """Make sure that there is a file, with an ending that is known.
+    """Make sure that there is a file, with an ending that is known and a content that does not contradict it.
 
     Raises:
-        FormatError: there is none, or it has another ending.
+        FormatError: there is none, or it has another ending, or is something else.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES and not path.is_dir():
         raise FormatError(
             f"{path}: unknown ending '{path.suffix}'; a part is read from {', '.join(SUFFIXES)}"
         )
-    if not path.is_file():
-        raise FormatError(f"{path}: no such file")
+    check_content(path)
 
 
 def unit_of(path: Path | str) -> str | None:
@@ -45,7 +45,7 @@ def unit_of(path: Path | str) -> str | None:
 
             return unit_of_step(path)
         if suffix == ".3dm":
-            from .rhino import open_3dm, unit_of_3dm  # noqa: PLC0415 - only where it is needed
+            from .rhino_objects import open_3dm, unit_of_3dm  # noqa: PLC0415 - only where it is needed
 
             return unit_of_3dm(open_3dm(path), path)
         return unit_of_mesh(path)
@@ -64,7 +64,7 @@ def read_polygons(path: Path, unit: str | None, chord: float, *, polygons: bool)
         path: of the file.
         unit: what the file is in if it does not say so itself; None for mm.
         chord: mm.
-        polygons: keep faces of more than three corners.
+        polygons: keep faces of more than three corners, and the control nets of SubDs.
 
     Raises:
         FormatError: it cannot be read.
@@ -77,5 +77,5 @@ def read_polygons(path: Path, unit: str | None, chord: float, *, polygons: bool)
     if suffix == ".3dm":
         from .rhino import read_3dm  # noqa: PLC0415 - only where it is needed
 
-        return read_3dm(path, unit, chord)
+        return read_3dm(path, unit, chord, polygons=polygons)
     return read_mesh(path, polygons=polygons)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,27 +17,10 @@ from .chaining import Piece
 from .flattening import flatten, homogeneous, spline_pieces
 from .guarded_3dm import open_guarded
 from .labelled import Labelled
-from .lengths import mm_in_unit
+from .lengths import factor_to_mm
+from .rhino_objects import objects_shown, unit_of_3dm
 
 Array = npt.NDArray[np.float64]
-
-UNITS = {
-    "Microns": "um",
-    "Millimeters": "mm",
-    "Centimeters": "cm",
-    "Decimeters": "dm",
-    "Meters": "m",
-    "Kilometers": "km",
-    "Mils": "mil",
-    "Inches": "in",
-    "Feet": "ft",
-    "Yards": "yd",
-}
-SILENT = {"None", "Unset", "CustomUnits"}
-"""Unit systems that say nothing."""
-
-DEEPEST = 32
-"""Blocks inside blocks, beyond which they are taken to contain themselves."""
 
 VERSION = 7
 """Of the files that are written; Rhino 7 and later read it."""
@@ -46,63 +29,26 @@ VERSION = 7
 def read_3dm(path: Path, chord: float, units: str | None) -> list[Piece]:
     """The visible curves of a 3DM file, with blocks exploded."""
     model = open_guarded(path)
-    system = model.Settings.ModelUnitSystem.name
-    scale = mm_in_unit(path, None if system in SILENT else UNITS.get(system, system), units)
-    placed = np.diag([scale, scale, scale, 1.0])
-    shown = [entry for entry in model.Objects if not entry.Attributes.IsInstanceDefinitionObject]
-    pieces = list(_read(model, shown, path, chord, placed, _hidden(model), 0))
-    if not pieces and len(model.Objects):
-        kinds = sorted({entry.Geometry.ObjectType.name for entry in shown})
-        raise FormatError(
-            f"{path}: holds no visible curves, only {', '.join(kinds) or 'block definitions'}; extract or show curves"
-        )
-    return pieces
-
-
-def _hidden(model: Any) -> set[int]:
-    """Indices of the layers that are off, or under one that is."""
-    layers = list(model.Layers)
-    off = {str(layer.Id) for layer in layers if not layer.Visible}
-    for _ in layers:
-        below = {str(layer.Id) for layer in layers if str(layer.ParentLayerId) in off} - off
-        if not below:
-            break
-        off |= below
-    return {layer.Index for layer in layers if str(layer.Id) in off}
-
-
-def _read(
-    model: Any, entries: Sequence[Any], path: Path, chord: float, placed: Array, hidden: set[int], depth: int
-) -> Iterator[Piece]:
-    if depth > DEEPEST:
-        raise FormatError(f"{path}: a block contains itself; explode it or delete it")
-    for entry in entries:
-        # rhino3dm's stubs leave out much of what its objects have.
-        geometry: Any = entry.Geometry
-        attributes: Any = entry.Attributes
-        if not attributes.Visible or attributes.LayerIndex in hidden:
+    scale = factor_to_mm(path, unit_of_3dm(model, path), units, None)
+    pieces, others = [], set()
+    for shown in objects_shown(model, path):
+        if not isinstance(shown.geometry, rhino3dm.Curve):
+            others.add(shown.geometry.ObjectType.name)
             continue
-        where = f"{path}: {type(geometry).__name__} {attributes.Name or attributes.Id}"
-        if isinstance(geometry, rhino3dm.InstanceReference):
-            reference: Any = geometry
-            block = model.InstanceDefinitions.FindId(reference.ParentIdefId)
-            if block is None:
-                raise FormatError(f"{where}: its block is not in the file; embed it")
-            inside = [model.Objects.FindId(str(key)) for key in block.GetObjectIds()]
-            move = placed @ _matrix(reference.Xform)
-            parts = [part for part in inside if part is not None]
-            yield from _read(model, parts, path, chord, move, hidden, depth + 1)
-        elif isinstance(geometry, rhino3dm.Curve):
-            try:
-                points = _points(geometry, chord, placed)
-            except ValueError as error:
-                raise FormatError(f"{where}: {error}") from None
-            loose = not isinstance(geometry, rhino3dm.PolylineCurve | rhino3dm.PolyCurve)
-            yield Piece(points, where, None, _widths(attributes, len(points), where, placed), loose)
-
-
-def _matrix(xform: Any) -> Array:
-    return np.array([[getattr(xform, f"M{i}{j}") for j in range(4)] for i in range(4)], dtype=np.float64)
+        placed = np.diag([scale, scale, scale, 1.0]) @ shown.placed
+        try:
+            points = _points(shown.geometry, chord, placed)
+        except ValueError as error:
+            raise FormatError(f"{shown.where}: {error}") from None
+        loose = not isinstance(shown.geometry, rhino3dm.PolylineCurve | rhino3dm.PolyCurve)
+        widths, heights = (
+            _lengths(shown.attributes, key, len(points), shown.where, placed) for key in ("width", "height")
+        )
+        pieces.append(Piece(points, shown.where, None, widths, loose, heights))
+    if not pieces and len(model.Objects):
+        found = ", ".join(sorted(others)) or "what is hidden"
+        raise FormatError(f"{path}: holds no visible curves, only {found}; extract or show curves")
+    return pieces
 
 
 def _points(curve: Any, chord: float, placed: Array) -> Array:
@@ -133,23 +79,23 @@ def _moved(corners: Array, placed: Array) -> Array:
     return np.asarray(moved[:, :3] / moved[:, 3:], dtype=np.float64)
 
 
-def _widths(attributes: Any, count: int, where: str, placed: Array) -> Array | None:
-    text = attributes.GetUserString("width")
+def _lengths(attributes: Any, key: str, count: int, where: str, placed: Array) -> Array | None:
+    text = attributes.GetUserString(key)
     if not text:
         return None
     try:
-        widths = np.array(json.loads(text), dtype=np.float64) * np.cbrt(abs(np.linalg.det(placed[:3, :3])))
+        lengths = np.array(json.loads(text), dtype=np.float64) * np.cbrt(abs(np.linalg.det(placed[:3, :3])))
     except (ValueError, TypeError):
         raise FormatError(
-            f"{where}: its user text width must be a list of numbers, not '{text[:40]}'"
+            f"{where}: its user text {key} must be a list of numbers, not '{text[:40]}'"
         ) from None
-    if widths.shape == (count - 1,):  # the point that closes a polyline repeats the first
-        widths = np.append(widths, widths[0])
-    if widths.ndim == 0:
-        widths = np.full(count, float(widths))
-    if widths.shape != (count,):
-        raise FormatError(f"{where}: its user text width must list one number for each of its {count} points")
-    return np.asarray(widths, dtype=np.float64)
+    if lengths.shape == (count - 1,):  # the point that closes a polyline repeats the first
+        lengths = np.append(lengths, lengths[0])
+    if lengths.ndim == 0:
+        lengths = np.full(count, float(lengths))
+    if lengths.shape != (count,):
+        raise FormatError(f"{where}: its user text {key} must list one number for each of its {count} points")
+    return np.asarray(lengths, dtype=np.float64)
 
 
 def write_3dm(path: Path, lines: Sequence[Labelled]) -> None:
@@ -173,6 +119,8 @@ def write_3dm(path: Path, lines: Sequence[Labelled]) -> None:
         columns = dict(line.columns)
         if line.curve.widths is not None:
             columns["width"] = line.curve.widths
+        if line.curve.heights is not None:
+            columns["height"] = line.curve.heights
         for name, values in columns.items():
             attributes.SetUserString(name, json.dumps(values.tolist()))
         points = line.curve.points.tolist()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from twins.errors import FormatError
 from .chaining import Piece
 from .flattening import arc_pieces, flatten, homogeneous
 from .labelled import Labelled
-from .lengths import MM, mm_in_unit
+from .lengths import MM, factor_to_mm
 
 Array = npt.NDArray[np.float64]
 
@@ -26,13 +28,19 @@ PIXEL = 25.4 / 96.0
 
 UNITS = {**MM, "px": PIXEL, "": PIXEL, "pt": 25.4 / 72.0, "pc": 25.4 / 6.0, "q": 0.25}
 PHYSICAL = ("mm", "cm", "in")
+DEFINING = ("symbol", "mask", "marker", "pattern", "clipPath", "filter", "linearGradient", "radialGradient")
+"""What is inside these is drawn only where something refers to it."""
+REFERENCES = ("href", "{http://www.w3.org/1999/xlink}href")
+
 LENGTH = re.compile(r"\s*([-+0-9.eE]*[0-9.])\s*([a-zA-Z]*)\s*")
 
 
 def read_svg(path: Path, chord: float, units: str | None, z: float) -> list[Piece]:
     """The curves of an SVG, in the root's coordinates with y turned up: (x, y) in the file is (x, -y) here."""
     try:
-        root = svgelements.SVG.parse(str(path), reify=False, on_error="raise")
+        root = svgelements.SVG.parse(_defined(path), reify=False, on_error="raise")
+    except FormatError:
+        raise
     except Exception as error:
         # A broken path or transform breaks anywhere in the library.
         said = (str(error).splitlines() or [type(error).__name__])[0][:200]
@@ -64,6 +72,36 @@ def read_svg(path: Path, chord: float, units: str | None, z: float) -> list[Piec
     return pieces
 
 
+def _defined(path: Path) -> io.BytesIO:
+    """The file with all that only defines something put into `defs`, where the library knows not to draw it.
+
+    Raises:
+        FormatError: a symbol is drawn that its viewBox scales, which the library does not know.
+    """
+    tree = ET.parse(path)  # noqa: S314 - the library parses the file in the same way
+    scaled = set()
+    for parent in list(tree.iter()):
+        for k, child in enumerate(list(parent)):
+            space, _, name = child.tag.rpartition("}")
+            if name == "symbol" and child.get("viewBox") is not None:
+                scaled.add(f"#{child.get('id')}")
+            if name in DEFINING and parent.tag.rpartition("}")[2] != "defs":
+                around = ET.Element(f"{space}}}defs" if space else "defs")
+                around.append(child)
+                parent[k] = around
+    for use in (element for element in tree.iter() if element.tag.rpartition("}")[2] == "use"):
+        for reference in REFERENCES:
+            if use.get(reference) in scaled:
+                raise FormatError(
+                    f"{path}: draws the symbol {use.get(reference)} scaled by its viewBox, which is not read; "
+                    "expand its uses into paths, or leave its viewBox out"
+                )
+    content = io.BytesIO()
+    tree.write(content, encoding="utf-8")
+    content.seek(0)
+    return content
+
+
 def _matrix(m: Any) -> Array:
     return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]], dtype=np.float64)
 
@@ -71,7 +109,7 @@ def _matrix(m: Any) -> Array:
 def _scale(path: Path, root: Any, units: str | None) -> tuple[float, float]:
     """Millimetres in a unit of the root's coordinates along x and y."""
     if units is not None:
-        mm_in_unit(path, None, units)
+        factor_to_mm(path, None, units)
     box = root.viewbox
     if box is not None and not (box.width and box.height):
         raise FormatError(f"{path}: its viewBox is empty; give it a size")
@@ -84,7 +122,7 @@ def _scale(path: Path, root: Any, units: str | None) -> tuple[float, float]:
             raise FormatError(f"{path}: its unit '{name}' is not known; give its width and height in mm")
     physical = names[0] if sizes[0] else names[1]
     if physical in PHYSICAL:
-        mm_in_unit(path, physical, units)
+        factor_to_mm(path, physical, units)
     elif units is not None:
         return MM[units], MM[units]
     if box is None:

@@ -16,8 +16,8 @@ SUFFIXES = (".dxf", ".3dm", ".json", ".csv")
 def save_unwrapped(curves: Sequence[UnwrappedCurve], path: Path | str) -> None:
     """Write unwrapped curves in mm to DXF, 3DM, JSON or CSV; `read_curves` reads them all.
 
-    JSON, CSV and the user text of 3DM carry everything; DXF carries widths at the vertices, and the indices and the
-    plane as extended data. In DXF and 3DM each layer of the toolpath is a layer of the drawing, `layer_0000` up.
+    JSON, CSV and the user text of 3DM carry everything; DXF carries widths at the vertices, and heights, indices
+    and plane as extended data. In DXF and 3DM each layer of the toolpath is a layer of the drawing, `layer_0000` up.
 
     Raises:
         FormatError: an unknown ending, no curves, or no such folder.

@@ -9,16 +9,19 @@ from typing import Any, Final
 import numpy as np
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import FormatError, SurfaceError
 from twins.exchange import save_surface
 from twins.mesh_edges import arrays_of
 
+from .labelled import write_whole
 from .meshes import Y_UP_TO_Z_UP
 
 RHINO: Final = 7
 """Version of 3DM: Rhino 7 and later open it."""
 
 
+@checks_kinds
 def write_surface(surface: trimesh.Trimesh, path: Path | str) -> None:
     """Write a surface as STL, PLY, OBJ, 3MF, 3DM, GLB or glTF; the file appears whole or not at all.
 
@@ -30,7 +33,7 @@ def write_surface(surface: trimesh.Trimesh, path: Path | str) -> None:
         path: of the file; its ending tells the format.
 
     Raises:
-        FormatError: an unknown ending, or a folder that does not exist.
+        FormatError: an unknown ending, a folder that does not exist, or a file that cannot be written.
         SurfaceError: the surface is empty, or has a vertex that is not a finite point.
     """
     path = Path(path)
@@ -46,9 +49,8 @@ def write_surface(surface: trimesh.Trimesh, path: Path | str) -> None:
         raise SurfaceError(f"{path}: the surface is empty; there is nothing to write")
     if not np.isfinite(vertices).all():
         raise SurfaceError(f"{path}: the surface has a vertex that is not a finite point")
-    partial = path.with_name(f"{path.stem}.partial{path.suffix}")
-    write(trimesh.Trimesh(vertices, faces, process=False), partial)
-    partial.replace(path)
+    whole = trimesh.Trimesh(vertices, faces, process=False)
+    write_whole(path, lambda partial, _: write(whole, partial), ())
 
 
 _exchange: Any = trimesh.exchange
@@ -84,7 +86,7 @@ def _3dm(surface: trimesh.Trimesh, path: Path) -> None:
         import rhino3dm  # noqa: PLC0415 - only where it is needed
     except ImportError as error:
         raise FormatError(
-            f"{path}: writing 3DM needs the package rhino3dm; install it with 'pip install rhino3dm'"
+            "writing 3DM needs the package rhino3dm; install it with 'pip install rhino3dm'"
         ) from error
     vertices, faces = arrays_of(surface)
     mesh: Any = rhino3dm.Mesh()
@@ -97,7 +99,7 @@ def _3dm(surface: trimesh.Trimesh, path: Path) -> None:
     model.Settings.ModelUnitSystem = rhino3dm.UnitSystem.Millimeters
     model.Objects.AddMesh(mesh)
     if not model.Write(str(path), RHINO):
-        raise FormatError(f"{path}: cannot be written; check the folder and the space on the disk")
+        raise FormatError("cannot be written; check the folder and the space on the disk")
 
 
 _WRITERS: Final[dict[str, Callable[[trimesh.Trimesh, Path], None]]] = {

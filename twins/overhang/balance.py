@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -70,6 +71,7 @@ class GlobalOverhang:
         return sorted(above, key=lambda entry: -entry[2])[:count]
 
 
+@checks_kinds
 def global_overhang(
     toolpath: Toolpath, width: float | None = None, gravity: npt.ArrayLike = DOWN
 ) -> GlobalOverhang:

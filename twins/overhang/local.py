@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Toolpath
 
@@ -104,6 +105,7 @@ class LocalOverhang(Measured):
         return found
 
 
+@checks_kinds
 def local_overhang(
     toolpath: Toolpath,
     reference: Reference = "ground",

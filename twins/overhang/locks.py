@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.planes import PlaneStack
 from twins.surface import check_surface
@@ -25,6 +26,7 @@ _ON = 1e-6
 """A vertex this near to a plane lies on it, as a share of the surface's diagonal."""
 
 
+@checks_kinds
 def lock_plane(surface: trimesh.Trimesh, plane: Plane, within: float | None = None) -> Flags:
     """Vertices on a plane or below it, shape (n,); with `within` only those no farther from it than that, mm."""
     vertices = _vertices(surface)
@@ -36,6 +38,7 @@ def lock_plane(surface: trimesh.Trimesh, plane: Plane, within: float | None = No
     return np.asarray(np.abs(height) <= within + touch)
 
 
+@checks_kinds
 def lock_base(surface: trimesh.Trimesh, planes: PlaneStack | None = None) -> Flags:
     """Vertices on the bed: the base of the layers' planes, by default the height of the lowest vertex."""
     if planes is None:
@@ -44,6 +47,7 @@ def lock_base(surface: trimesh.Trimesh, planes: PlaneStack | None = None) -> Fla
     return lock_plane(surface, planes.base)
 
 
+@checks_kinds
 def lock_box(surface: trimesh.Trimesh, low: npt.ArrayLike, high: npt.ArrayLike) -> Flags:
     """Vertices in a box with sides along the axes, rim included, shape (n,); corners (3,), mm."""
     vertices = _vertices(surface)
@@ -54,6 +58,7 @@ def lock_box(surface: trimesh.Trimesh, low: npt.ArrayLike, high: npt.ArrayLike) 
     return np.asarray(((vertices >= low - touch) & (vertices <= high + touch)).all(axis=1))
 
 
+@checks_kinds
 def lock_bounds(surface: trimesh.Trimesh, within: float = 0.0) -> Flags:
     """Vertices on the sides of the surface's bounding box, or nearer to one than `within` mm; shape (n,)."""
     if not within >= 0 or not math.isfinite(within):
@@ -63,6 +68,7 @@ def lock_bounds(surface: trimesh.Trimesh, within: float = 0.0) -> Flags:
     return np.asarray(depth <= within + _ON * _diagonal(vertices))
 
 
+@checks_kinds
 def lock_rim(surface: trimesh.Trimesh) -> Flags:
     """Vertices on the open edges of a surface that is not closed, shape (n,)."""
     faces = np.asarray(surface.faces, dtype=np.int64)
@@ -73,6 +79,7 @@ def lock_rim(surface: trimesh.Trimesh) -> Flags:
     return flags
 
 
+@checks_kinds
 def lock_faces(surface: trimesh.Trimesh, faces: npt.ArrayLike) -> Flags:
     """Vertices of a group of faces, given as flags (m,) or indices; shape (n,)."""
     group = as_flags(faces, len(surface.faces), "faces")
@@ -81,6 +88,7 @@ def lock_faces(surface: trimesh.Trimesh, faces: npt.ArrayLike) -> Flags:
     return flags
 
 
+@checks_kinds
 def lock_solid(surface: trimesh.Trimesh, solid: trimesh.Trimesh) -> Flags:
     """Vertices inside a closed surface, shape (n,): those that more of its faces cover from above looking up than down.
 

@@ -25,6 +25,7 @@ import shapely
 import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.surface import make_surface
 from twins.toolpath import read_only
@@ -120,6 +121,7 @@ class _Faces:
     areas: Array
 
 
+@checks_kinds
 def best_orientation(
     surface: trimesh.Trimesh,
     limit_deg: float = 45.0,

@@ -24,6 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.mesh_edges import edge_faults, middle_of
 from twins.planes import PlaneStack
@@ -97,6 +98,7 @@ class OverhangRelaxation:
         return self.over_after / self.over_before if self.over_before else 0.0
 
 
+@checks_kinds
 def relax_overhang(
     surface: trimesh.Trimesh,
     limit_deg: float,

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.frames import Frames
 from twins.planes import PlaneStack
@@ -65,6 +66,7 @@ class SurfaceOverhang(Measured):
     reference: Reference
 
 
+@checks_kinds
 def surface_overhang(
     surface: trimesh.Trimesh,
     planes: PlaneStack | None = None,

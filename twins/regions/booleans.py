@@ -19,6 +19,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -73,6 +74,7 @@ class BooleanResult:
     remarks: tuple[str, ...]
 
 
+@checks_kinds
 def union(
     a: Toolpath,
     b: Toolpath,
@@ -109,6 +111,7 @@ def union(
     return _boolean("union", a, b, only, resolution, width, progress, executor)
 
 
+@checks_kinds
 def difference(
     a: Toolpath,
     b: Toolpath,
@@ -123,6 +126,7 @@ def difference(
     return _boolean("difference", a, b, only, resolution, width, progress, executor)
 
 
+@checks_kinds
 def intersection(
     a: Toolpath,
     b: Toolpath,

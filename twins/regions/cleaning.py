@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import FAR, Curve, Toolpath
 
@@ -66,6 +67,7 @@ class CleanResult:
     lengths: tuple[float, float]
 
 
+@checks_kinds
 def clean(
     toolpath: Toolpath,
     shortest: float | None = None,

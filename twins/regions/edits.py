@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import FAR, Array, Curve, Layer, Plane, Toolpath, read_only
 
@@ -22,6 +23,7 @@ SAME_PLANE = 1e-4
 """Planes this near to one another are the same, mm; over a metre."""
 
 
+@checks_kinds
 def join_layers(lower: Toolpath, *upper: Toolpath) -> Toolpath:
     """One toolpath of the layers of several, from the bottom up.
 
@@ -75,6 +77,7 @@ def _following(toolpath: Toolpath, below: Plane) -> tuple[Layer, ...]:
     )
 
 
+@checks_kinds
 def split_layers(toolpath: Toolpath, at: int | Sequence[int]) -> tuple[Toolpath, ...]:
     """Parts of a toolpath from the bottom up, each of which stands on the nozzle plane below it.
 
@@ -102,12 +105,14 @@ def split_layers(toolpath: Toolpath, at: int | Sequence[int]) -> tuple[Toolpath,
     )
 
 
+@checks_kinds
 def move(toolpath: Toolpath, by: npt.ArrayLike) -> Toolpath:
     """The toolpath moved by a vector, shape (3,), mm; curves are the same objects, only planes move."""
     vector = read_only(by, (3,), "the vector by which a toolpath is moved")
     return _placed(toolpath, lambda plane: Plane(plane.origin + vector, plane.x_axis, plane.y_axis))
 
 
+@checks_kinds
 def rotate(toolpath: Toolpath, rotation: npt.ArrayLike, about: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Toolpath:
     """The toolpath rotated about a point; curves are the same objects, only planes turn.
 
@@ -131,6 +136,7 @@ def rotate(toolpath: Toolpath, rotation: npt.ArrayLike, about: npt.ArrayLike = (
     )
 
 
+@checks_kinds
 def scale(toolpath: Toolpath, factor: float, about: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Toolpath:
     """The toolpath enlarged about a point, shape (3,), mm: layers grow thicker, beads wider and curves longer alike."""
     if not 0 < factor <= FAR:
@@ -148,6 +154,7 @@ def scale(toolpath: Toolpath, factor: float, about: npt.ArrayLike = (0.0, 0.0, 0
     return replace(scaled, thickness=factor * toolpath.thickness)
 
 
+@checks_kinds
 def mirror(toolpath: Toolpath, plane: Plane) -> Toolpath:
     """The toolpath mirrored in a plane; its curves run the other way, so that the interior stays on the left.
 
@@ -171,6 +178,7 @@ def mirror(toolpath: Toolpath, plane: Plane) -> Toolpath:
     return _placed(toolpath, mirrored, curve)
 
 
+@checks_kinds
 def reverse(toolpath: Toolpath, only: Callable[[int, int, Curve], bool] | None = None) -> Toolpath:
     """Curves run the other way: all, or those for which `only` of layer, index and curve is true.
 
@@ -189,6 +197,7 @@ def reverse(toolpath: Toolpath, only: Callable[[int, int, Curve], bool] | None =
     return with_layers(toolpath, layers)
 
 
+@checks_kinds
 def reorder(toolpath: Toolpath, layer: int, order: Sequence[int]) -> Toolpath:
     """The toolpath with the curves of one layer in another order.
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.extrusion import bead_region
 from twins.toolpath import FAR, Curve, Toolpath, read_only
@@ -88,6 +89,7 @@ Stages = Sequence[frozenset[int]]
 """Curves of one group that may be linked to one another: in the first stage these, then these and so on."""
 
 
+@checks_kinds
 def link_layers(
     toolpath: Toolpath,
     how: Linking,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
+from twins.entrances import checks_kinds
 from twins.toolpath import FAR, Curve, Toolpath
 
 from .linked_layers import Linking, LinkResult, Stages, link_layers
@@ -12,6 +13,7 @@ from .linking import LinkKind
 from .outlines import walls
 
 
+@checks_kinds
 def merge_regions(
     toolpath: Toolpath,
     width: float,

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.extrusion import bead_region, rings
 from twins.toolpath import FAR, Curve, Toolpath
@@ -68,6 +69,7 @@ class OffsetResult:
     remarks: tuple[str, ...]
 
 
+@checks_kinds
 def offset(
     toolpath: Toolpath,
     distance: float,

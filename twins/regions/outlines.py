@@ -15,6 +15,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from twins.entrances import checks_kinds
 from twins.extrusion import enclosed_region, rings
 from twins.toolpath import Curve, Layer, Toolpath
 
@@ -95,6 +96,7 @@ def outlines(region: BaseGeometry, sources: Sequence[Curve] = ()) -> tuple[Curve
     return (*(sources[j] for j in sorted(kept)), *new)
 
 
+@checks_kinds
 def oriented(toolpath: Toolpath) -> Toolpath:
     """The toolpath with the interior on the left of every closed curve, whichever way it was drawn.
 

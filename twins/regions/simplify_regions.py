@@ -7,6 +7,7 @@ from concurrent.futures import Executor
 from functools import partial
 from typing import Literal
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import FAR, Curve, Toolpath
 
@@ -17,6 +18,7 @@ from .outlines import walls
 Order = Literal["inner first", "nearest"]
 
 
+@checks_kinds
 def simplify_regions(
     toolpath: Toolpath,
     width: float,

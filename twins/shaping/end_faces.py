@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.surface import check_surface, make_surface
 from twins.toolpath import Plane
@@ -49,6 +50,7 @@ class _Flat:
     center: Array
 
 
+@checks_kinds
 def orient_to_slice(surface: trimesh.Trimesh, up: npt.ArrayLike = (0.0, 0.0, 1.0)) -> tuple[Plane, Plane]:
     """The bed and the top plane between which a part's layers are laid: its two flat end faces.
 
@@ -100,6 +102,7 @@ def orient_to_slice(surface: trimesh.Trimesh, up: npt.ArrayLike = (0.0, 0.0, 1.0
     return _plane(bed, -bed.normal), _plane(top, top.normal)
 
 
+@checks_kinds
 def set_down(surface: trimesh.Trimesh, bed: Plane, top: Plane) -> tuple[trimesh.Trimesh, Plane]:
     """A part moved so that its bed plane is z = 0, the bed's origin at (0, 0, 0), and its top plane moved with it.
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import manifold3d
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.surface import check_surface
 from twins.toolpath import Plane
@@ -19,6 +20,7 @@ _SUM = 1e-6
 """Largest difference between the parts' volumes and the whole's, as a share of it."""
 
 
+@checks_kinds
 def split(
     surface: trimesh.Trimesh, by: Plane | Sequence[Plane] | trimesh.Trimesh, *, at_origin: bool = False
 ) -> tuple[trimesh.Trimesh, ...]:

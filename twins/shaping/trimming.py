@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import trimesh
 
+from twins.entrances import checks_kinds
 from twins.errors import SurfaceError
 from twins.surface import check_surface
 from twins.toolpath import Plane
@@ -14,6 +15,7 @@ from .local_cuts import cut_off
 from .solids import halves, solid_of, surface_of
 
 
+@checks_kinds
 def trim(
     surface: trimesh.Trimesh, planes: Plane | Sequence[Plane], *, at_origin: bool = False
 ) -> trimesh.Trimesh:

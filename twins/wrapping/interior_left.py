@@ -2,12 +2,14 @@
 
 A curve inside an even number of others is an outer one and runs counter-clockwise, otherwise it is a hole and runs
 clockwise. An open curve counts as if its ends were joined, unless it would then cross itself or another curve: such
-a one encloses nothing and runs as it was drawn.
+a one encloses nothing and runs as it was drawn. Whether an open wall was opened for a door or stands around a court
+cannot be told, so closed curves that would run the other way without it are named.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +22,23 @@ from twins.toolpath import Curve
 Flags = npt.NDArray[np.bool_]
 
 
-def interior_left(
-    curves: Sequence[Curve], names: Sequence[int], where: str, tolerance: float
-) -> tuple[tuple[Curve, ...], tuple[int, ...]]:
-    """The curves with their interior on the left, in the same order, and the names of those that have none.
+@dataclass(frozen=True, eq=False)
+class Turned:
+    """Curves of a layer with their interior on the left.
+
+    Attributes:
+        curves: in the order in which they were given.
+        as_drawn: names of open ones that enclose nothing.
+        by_open: names of closed ones that would run the other way if open ones enclosed nothing.
+    """
+
+    curves: tuple[Curve, ...]
+    as_drawn: tuple[int, ...]
+    by_open: tuple[int, ...]
+
+
+def interior_left(curves: Sequence[Curve], names: Sequence[int], where: str, tolerance: float) -> Turned:
+    """The curves with their interior on the left.
 
     Args:
         curves: of one layer.
@@ -63,11 +78,16 @@ def interior_left(
             )
         counted[[i, j]] &= closed[[i, j]]
     depth = _depth(shapes, area, counted)
+    by_open = closed & ((depth - _depth(shapes, area, counted & closed)) % 2 == 1)
     turned = tuple(
         turned_round(curve) if counted[k] and (_turning(curve) > 0) != (depth[k] % 2 == 0) else curve
         for k, curve in enumerate(curves)
     )
-    return turned, tuple(name for name, counts in zip(names, counted, strict=True) if not counts)
+    return Turned(
+        turned,
+        tuple(name for name, counts in zip(names, counted, strict=True) if not counts),
+        tuple(name for name, turns in zip(names, by_open, strict=True) if turns),
+    )
 
 
 def _meeting(shapes: npt.NDArray[np.object_], whole: Flags) -> list[tuple[int, int]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,8 @@ At = Literal["nozzle", "slicing"]
 Sheet = tuple[Array, float]
 """A plane normal · x = offset: unit normal, shape (3,), and offset, mm."""
 
-PARALLEL = 1e-9
-"""Sine of the angle below which two planes count as parallel."""
+LEVEL: Final = 1e-9
+"""Sine of the angle below which a plane counts as level."""
 
 
 def layer_frames(
@@ -34,6 +34,7 @@ def layer_frames(
     bed: Plane | None = None,
     top: Plane | None = None,
     thickness: float | None = None,
+    floors: Sequence[Sheet | None] | None = None,
 ) -> PlaneStack:
     """The stack whose nozzle or slicing planes are the given ones.
 
@@ -41,39 +42,47 @@ def layer_frames(
         sheets: from the bottom up, normals upwards.
         at: which planes they are. The others lie midway between them.
         centre: of the first section, shape (3,), mm; there the thickness is nominal where layers are not parallel.
-        bed: the base, with its frame; without it, as far below the first layer as the second is above it.
+        bed: the base, with its frame; without it the first floor, or, where that is not known, as far below the first
+            layer as the second is above it.
         top: the last nozzle plane, where the sheets are slicing planes.
         thickness: of the first and last layer, mm, where bed and top do not say it; half of it lies on either side of
             a slicing plane.
+        floors: the planes that the layers are printed on, as far as they are known, without bed or thickness. Slicing
+            planes whose floors are all known lie midway between them and the nozzle planes.
 
     Raises:
         PlanesError: one sheet alone without bed or thickness, or a bed or top that faces the other way.
     """
     first, last = sheets[0], sheets[-1]
-    if len(sheets) == 1 and bed is None and thickness is None and (at == "nozzle" or top is None):
+    known = [None] * len(sheets) if floors is None else list(floors)
+    floor = known[0]
+    untold = bed is None and thickness is None and floor is None
+    if len(sheets) == 1 and untold and (at == "nozzle" or top is None):
         raise PlanesError(
-            "all curves lie in one plane, which does not tell how thick the layer is; give a bed or a thickness"
+            "all curves lie in one plane, which does not tell how thick the layer is; give a `bed` or a `thickness`"
         )
     if at == "nozzle":
         nozzle = list(sheets)
-        base = (
-            _below(first, sheets[1] if len(sheets) > 1 else None, thickness) if bed is None else sheet_of(bed)
-        )
+        under = floor or _below(first, sheets[1] if len(sheets) > 1 else None, thickness)
     else:
-        nozzle = [midway(a, b) for a, b in pairwise(sheets)]
+        over = [None if f is None else mirrored(f, sheet) for f, sheet in zip(known, sheets, strict=True)]
+        whole = [sheet for sheet in over if sheet is not None]
+        nozzle = whole[:-1] if len(whole) == len(sheets) else [midway(a, b) for a, b in pairwise(sheets)]
         ceiling = None if top is None else sheet_of(top)
         share = None if thickness is None else 0.5 * thickness
-        base = _below(first, nozzle[0] if nozzle else ceiling, share) if bed is None else sheet_of(bed)
+        under = floor or _below(first, nozzle[0] if nozzle else ceiling, share)
         if ceiling is None:
-            ceiling = _above(last, nozzle[-1] if nozzle else base, share)
+            below = under if bed is None else sheet_of(bed)
+            ceiling = over[-1] or _above(last, nozzle[-1] if nozzle else below, share)
         nozzle.append(ceiling)
+    base = under if bed is None else sheet_of(bed)
     for name, sheet, other in (("bed", base, first), ("top", nozzle[-1], last)):
         if float(sheet[0] @ other[0]) <= 0.0:
             raise PlanesError(
                 f"the {name}'s normal points away from the layers' upper side; turn the {name} over"
             )
     planes = [base, *nozzle]
-    start = frame = _frame(base, sheets, centre) if bed is None else bed
+    start = frame = _frame(base, centre) if bed is None else bed
     slicing, tops, steps = [], [], []
     for k, (below, above) in enumerate(pairwise(planes)):
         middle = turned_onto(frame, sheets[k] if at == "slicing" else midway(below, above))
@@ -131,11 +140,11 @@ def _above(sheet: Sheet, one_before: Sheet, thickness: float | None) -> Sheet:
     return mirrored(one_before, sheet)
 
 
-def _frame(base: Sheet, sheets: Sequence[Sheet], centre: Array) -> Plane:
-    """A frame in the base plane: along the world's x axis, at its origin where layers are parallel."""
+def _frame(base: Sheet, centre: Array) -> Plane:
+    """A frame in the base plane: along the world's x axis, at its origin where the base is level."""
     normal, offset = base
-    parallel = all(float(np.linalg.norm(np.cross(normal, n))) <= PARALLEL for n, _ in sheets)
-    near = np.zeros(3) if parallel else centre
+    # The world's origin may be far from a part, and its foot on a tilted plane farther still.
+    near = np.zeros(3) if float(np.hypot(normal[0], normal[1])) <= LEVEL else centre
     origin = near + (offset - float(normal @ near)) * normal
     x = np.array([1.0, 0.0, 0.0]) if abs(normal[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     x = x - float(x @ normal) * normal

@@ -86,7 +86,7 @@ def find_sections(curves: Sequence[Array], tolerance: float) -> list[Section]:
         if fit.off > tolerance:
             raise ToolpathError(
                 f"curve {i} is not planar: its points lie up to {fit.off:.3g} mm off their plane, and the tolerance is "
-                f"{tolerance:.3g} mm; flatten it, or allow a larger tolerance"
+                f"{tolerance:.3g} mm; flatten it, or allow more with `tolerance`"
             )
     straight = [i for i, fit in enumerate(fits) if fit.width <= STRAIGHT * tolerance]
     bent = [i for i, fit in enumerate(fits) if fit.width > STRAIGHT * tolerance]
@@ -102,8 +102,10 @@ def _gather(
     curves: Sequence[Array], fits: Sequence[Fit], bent: Sequence[int], tolerance: float
 ) -> list[Section]:
     order = sorted(bent, key=lambda i: -fits[i].width)
-    points = np.concatenate([curves[i] for i in order])
-    starts = np.concatenate([[0], np.cumsum([len(curves[i]) for i in order])[:-1]])
+    means = np.array([fits[i].centre for i in order])
+    radii = np.array(
+        [np.sqrt(((curves[i] - fits[i].centre) ** 2).sum(axis=1).max()) for i in order], dtype=np.float64
+    )
     free = np.ones(len(order), dtype=bool)
     sections = []
     for seed in range(len(order)):
@@ -111,29 +113,46 @@ def _gather(
             continue
         free[seed] = False
         members, fit = [seed], fits[order[seed]]
-        refused = np.zeros(len(order), dtype=bool)
+        open_to = free.copy()
         while True:
-            apart = points - fit.centre
-            height = np.maximum.reduceat(np.abs(apart @ fit.normal), starts)
-            reach = np.sqrt(np.maximum.reduceat((apart**2).sum(axis=1), starts))
-            # Off its plane by no more than that plane's own uncertainty at that distance.
-            near = free & ~refused & (height <= 2.0 * tolerance * (1.0 + reach / fit.width))
-            found = np.flatnonzero(near)
+            candidates = np.flatnonzero(open_to)
+            apart = means[candidates] - fit.centre
+            # Some point of a curve is as far off a plane as their mean, and none farther away than their sphere
+            # reaches: few curves are looked at point by point.
+            most = _allowed(np.linalg.norm(apart, axis=1) + radii[candidates], fit, tolerance)
+            candidates = candidates[np.abs(apart @ fit.normal) <= most]
+            height, reach = _farthest([curves[order[m]] for m in candidates], fit)
+            near = height <= _allowed(reach, fit, tolerance)
+            found, reach = candidates[near], reach[near]
             if not len(found):
                 break
             together = _fit_of(curves, order, [*members, *found])
             # All at once, or if one of them spoils it the nearest, whose place is known best.
             if together.off > tolerance:
-                found = found[[int(reach[found].argmin())]]
+                found = found[[int(reach.argmin())]]
                 together = _fit_of(curves, order, [*members, *found])
+            open_to[found] = False
             if together.off <= tolerance:
                 members += found.tolist()
                 free[found] = False
                 fit = together
-            else:
-                refused[found] = True
         sections.append(_section(fit, sorted(order[m] for m in members)))
     return sections
+
+
+def _allowed(reach: Array, fit: Fit, tolerance: float) -> Array:
+    """How far off a plane points at these distances may be: by no more than the plane's own uncertainty there."""
+    return np.asarray(2.0 * tolerance * (1.0 + reach / fit.width), dtype=np.float64)
+
+
+def _farthest(curves: Sequence[Array], fit: Fit) -> tuple[Array, Array]:
+    """Each curve's largest distance from a plane and from its centre, both shape (n,), mm."""
+    if not curves:
+        return np.empty(0), np.empty(0)
+    starts = np.concatenate([[0], np.cumsum([len(curve) for curve in curves])[:-1]])
+    apart = np.concatenate(curves) - fit.centre
+    height = np.maximum.reduceat(np.abs(apart @ fit.normal), starts)
+    return height, np.sqrt(np.maximum.reduceat((apart**2).sum(axis=1), starts))
 
 
 def _fit_of(curves: Sequence[Array], order: Sequence[int], members: Sequence[int]) -> Fit:
@@ -148,15 +167,17 @@ def _joined_by_straight(
     curves: Sequence[Array], straight: Sequence[int], sections: Sequence[Section], tolerance: float
 ) -> list[Section]:
     joining: list[list[int]] = [list(section.members) for section in sections]
+    normals = np.array([section.normal for section in sections]).T
+    offsets = np.array([section.offset for section in sections])
     for i in straight:
-        heights = [float(np.abs(curves[i] @ s.normal - s.offset).max()) for s in sections]
-        holding = [k for k, height in enumerate(heights) if height <= 2.0 * tolerance]
+        heights = np.abs(curves[i] @ normals - offsets).max(axis=0)
+        holding = np.flatnonzero(heights <= 2.0 * tolerance).tolist()
         if len(holding) != 1:
             others = [str(sections[k].members[0]) for k in holding]
             said = (
                 f"lies in the planes of curves {', '.join(others)}; move it, or draw it with a bend"
                 if others
-                else f"lies in no layer's plane, by {min(heights):.3g} mm; move it into one, or draw it with a bend"
+                else f"lies in no layer's plane, by {heights.min():.3g} mm; move it into one, or draw it with a bend"
             )
             raise ToolpathError(f"curve {i} is straight, so it has no plane of its own, and {said}")
         joining[holding[0]].append(i)

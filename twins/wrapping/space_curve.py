@@ -21,11 +21,14 @@ class SpaceCurve:
         points: shape (n, 3), mm; a closed curve does not repeat its first point.
         closed: whether the last point is joined to the first.
         widths: bead width at each point, shape (n,), mm, or None where nothing says it.
+        heights: of the bead at each point, down to the plane that its layer is printed on, shape (n,), mm, or None
+            where nothing says it.
     """
 
     points: Array
     closed: bool = True
     widths: Array | None = None
+    heights: Array | None = None
 
     def __post_init__(self) -> None:
         points = read_only(self.points, (None, 3), "a curve's points")
@@ -40,6 +43,9 @@ class SpaceCurve:
             if (widths <= 0).any():
                 raise ToolpathError("a curve's widths must be above 0 at every point")
             object.__setattr__(self, "widths", widths)
+        if self.heights is not None:
+            heights = read_only(self.heights, (len(points),), "a curve's heights")
+            object.__setattr__(self, "heights", heights)
 
     @property
     def length(self) -> float:

@@ -44,7 +44,9 @@ class Stack:
     sections: tuple[Section, ...]
 
 
-def stack(sections: Sequence[Section], curves: Sequence[Array], up: Array, tolerance: float) -> Stack:
+def stack(
+    sections: Sequence[Section], curves: Sequence[Array], up: Array, tolerance: float, middle: Array
+) -> Stack:
     """Order sections along `up`.
 
     Args:
@@ -52,6 +54,7 @@ def stack(sections: Sequence[Section], curves: Sequence[Array], up: Array, toler
         curves: points of all curves, each shape (n, 3), mm.
         up: unit vector, shape (3,).
         tolerance: how far a point may lie off its plane, mm.
+        middle: the world's place of the points' origin, shape (3,), mm, for messages.
 
     Raises:
         PlanesError: a section is parallel to `up`, two sections cross in the part, or are too near to tell apart.
@@ -93,7 +96,7 @@ def stack(sections: Sequence[Section], curves: Sequence[Array], up: Array, toler
     ordered = tuple(
         Section(planes[k, :3].copy(), float(planes[k, 3]), sections[k].members) for k in order.tolist()
     )
-    _check_order(ordered, [points[k] for k in order.tolist()], tolerance)
+    _check_order(ordered, [points[k] for k in order.tolist()], tolerance, middle)
     return Stack(kind, ordered)
 
 
@@ -155,7 +158,9 @@ def _turns(normals: Array, axis: Array) -> Array:
     return np.asarray(np.mod(angle - start + 1e-12, 2.0 * np.pi), dtype=np.float64)
 
 
-def _check_order(sections: Sequence[Section], points: Sequence[Array], tolerance: float) -> None:
+def _check_order(
+    sections: Sequence[Section], points: Sequence[Array], tolerance: float, middle: Array
+) -> None:
     for k, (lower, upper) in enumerate(pairwise(sections)):
         above = points[k + 1] @ lower.normal - lower.offset
         below = upper.offset - points[k] @ upper.normal
@@ -167,9 +172,9 @@ def _check_order(sections: Sequence[Section], points: Sequence[Array], tolerance
         if float(np.abs(gaps).max()) <= 10.0 * APART * tolerance:
             raise PlanesError(
                 f"the planes of {names} are only {float(np.abs(gaps).max()):.3g} mm apart, too near to be told apart "
-                f"or counted as one with a tolerance of {tolerance:.3g} mm; give another tolerance, or move the curves"
+                f"or counted as one with a tolerance of {tolerance:.3g} mm; give another `tolerance`, or move them"
             )
-        x, y, z = np.concatenate([points[k + 1], points[k]])[int(gaps.argmin())]
+        x, y, z = middle + np.concatenate([points[k + 1], points[k]])[int(gaps.argmin())]
         raise PlanesError(
             f"the planes of {names} cross or meet inside the part, at ({x:.3f}, {y:.3f}, {z:.3f}); draw sections that "
             "meet only outside the part, or wrap the curves in pieces"

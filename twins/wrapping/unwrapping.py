@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from twins.entrances import checks_kinds
 from twins.errors import ToolpathError
 from twins.toolpath import Plane, Toolpath, read_only
 
@@ -50,10 +51,11 @@ class UnwrappedCurve:
 
     @property
     def space_curve(self) -> SpaceCurve:
-        """Its points and widths alone."""
-        return SpaceCurve(self.points, self.closed, self.widths)
+        """Its points, widths and heights alone."""
+        return SpaceCurve(self.points, self.closed, self.widths, self.heights)
 
 
+@checks_kinds
 def unwrap(toolpath: Toolpath, at: Literal["nozzle", "slicing"] = "nozzle") -> tuple[UnwrappedCurve, ...]:
     """The curves of a toolpath in space, layer by layer.
 
