@@ -39,16 +39,29 @@ def pose_numbers(frame: Numbers) -> Numbers:
     return (*frame[9:12], *turn(_quaternion(frame)))
 
 
+def inverse(frame: Numbers) -> Numbers:
+    """The frame in which the other stands where this one stands in it."""
+    xx, yx, zx, xy, yy, zy, xz, yz, zz, px, py, pz = frame
+    origin = (-(xx * px + yx * py + zx * pz), -(xy * px + yy * py + zy * pz), -(xz * px + yz * py + zz * pz))
+    return (xx, xy, xz, yx, yy, yz, zx, zy, zz, *origin)
+
+
+def rotation_between(a: Numbers, b: Numbers) -> Numbers:
+    """The rotation vector, rad, that turns a frame's axes into another's, in the axes that both are given in."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = _quaternion(a), _quaternion(b)
+    return turn(
+        (
+            -bw * ax + bx * aw - by * az + bz * ay,
+            -bw * ay + by * aw - bz * ax + bx * az,
+            -bw * az + bz * aw - bx * ay + by * ax,
+            bw * aw + bx * ax + by * ay + bz * az,
+        )
+    )
+
+
 def speed_between(a: Numbers, b: Numbers, seconds: float) -> Numbers:
     """Mean speed that takes a frame to another: mm/s and rad/s."""
-    (ax, ay, az, aw), (bx, by, bz, bw) = _quaternion(a), _quaternion(b)
-    change = (
-        -bw * ax + bx * aw - by * az + bz * ay,
-        -bw * ay + by * aw - bz * ax + bx * az,
-        -bw * az + bz * aw - bx * ay + by * ax,
-        bw * aw + bx * ax + by * ay + bz * az,
-    )
-    moved = (b[9] - a[9], b[10] - a[10], b[11] - a[11], *turn(change))
+    moved = (b[9] - a[9], b[10] - a[10], b[11] - a[11], *rotation_between(a, b))
     return tuple([m / seconds for m in moved])
 
 

@@ -17,6 +17,7 @@ from planning import Cell, PlanningError, arm
 from planning.pose import pose_from_vector
 
 from .streaming import standing
+from .urscript import ScriptError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -129,7 +130,7 @@ class Machine:
             next(self._program)
         except StopIteration:
             self.stop_program()
-        except (PlanningError, ValueError) as error:
+        except (PlanningError, ScriptError, ValueError) as error:
             self.stop_program(str(error))
 
     def _move(self, seconds: float) -> None:

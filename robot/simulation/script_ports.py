@@ -1,17 +1,22 @@
 """The simulated controller's script ports: programs come in as text, nothing goes out.
 
-A program is `def NAME():` to the first `end` at the start of a line; definitions inside it are indented.
+A program is `def NAME():` to its own `end`, blocks within it counted; `sec NAME():` the same, for a program that takes
+no time and runs beside the one that runs; any other line is a program of its own. ur-rtde's control script is run by
+`control_script`, every other program by what it says.
 """
 
 from __future__ import annotations
 
 import asyncio
+import re
 import sys
 import time
 from typing import TYPE_CHECKING
 
 from .control_script import ControlScript
+from .script_program import ScriptProgram
 from .upload import recognise
+from .urscript import ScriptError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -20,6 +25,9 @@ if TYPE_CHECKING:
 
 PORTS = (30001, 30002, 30003)
 LONGEST_LINE = 1 << 20
+LONGEST_PROGRAM = 1 << 22
+
+_WORD = re.compile(r'#.*|"[^"\n]*"|\b(def|sec|thread|if|while|for|switch|case|default|end)\b')
 
 
 class ScriptPorts:
@@ -32,39 +40,71 @@ class ScriptPorts:
 
     async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Read programs from one client until it leaves."""
-        block: list[str] = []
+        collected = _Collected()
         try:
             while received := await reader.readline():
-                line = received.decode("utf-8", "replace")
-                if not block and not line.strip():
-                    continue
-                block.append(line)
-                opens = block[0].startswith(("def ", "sec "))
-                if not opens or line.rstrip() == "end":
-                    self._take("".join(block))
-                    block = []
+                text = collected.add(received.decode("utf-8", "replace"))
+                if text is not None:
+                    await self._take(text)
         except (ConnectionError, asyncio.LimitOverrunError, ValueError) as error:
             print(f"controller: script client dropped: {error}", file=sys.stderr, flush=True)
         finally:
             writer.close()
 
-    def _take(self, text: str) -> None:
+    async def _take(self, text: str) -> None:
         name = text.splitlines()[0].strip()
         try:
             upload = recognise(text)
-        except ValueError as error:
+            if upload is None:
+                program = await asyncio.get_running_loop().run_in_executor(
+                    self._workers, ScriptProgram, self.machine, text
+                )
+        except (ValueError, ScriptError) as error:
             print(f"controller: '{name}' refused: {error}", file=sys.stderr, flush=True)
             return
-        if upload is None:
-            print(
-                f"controller: '{name}' refused: only ur-rtde's control script runs",
-                file=sys.stderr,
-                flush=True,
-            )
-        elif not self.machine.may_move:
+        if not self.machine.may_move:
             print(
                 f"controller: '{name}' refused: the robot is not ready to move", file=sys.stderr, flush=True
             )
-        else:
+        elif upload is not None:
             script = ControlScript(self.machine, upload, self._workers)
             self.machine.load(script.run(), time.monotonic() + self._start_delay)
+        elif program.secondary:
+            try:
+                program.run_at_once()
+            except ScriptError as error:
+                print(f"controller: '{name}' ended: {error}", file=sys.stderr, flush=True)
+        else:
+            self.machine.load(program, time.monotonic() + self._start_delay)
+
+
+class _Collected:
+    """Lines of a program that has not ended yet."""
+
+    def __init__(self) -> None:
+        self._lines: list[str] = []
+        self._open = 0
+        self._length = 0
+
+    def add(self, line: str) -> str | None:
+        """Take a line; the program that it ends, or None.
+
+        Raises:
+            ValueError: the program is too long.
+        """
+        if not self._lines and not line.strip():
+            return None
+        self._lines.append(line)
+        self._length += len(line)
+        if self._length > LONGEST_PROGRAM:
+            raise ValueError(f"a program of more than {LONGEST_PROGRAM} characters")
+        for word in _WORD.finditer(line):
+            if word[1] == "end":
+                self._open -= 1
+            elif word[1] is not None:
+                self._open += 1
+        if self._open > 0:
+            return None
+        text = "".join(self._lines)
+        self._lines, self._open, self._length = [], 0, 0
+        return text

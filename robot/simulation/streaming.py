@@ -145,6 +145,11 @@ class SpeedMotion(_Steered):
             tool_speed=tuple(speed.tolist()),
         )
 
+    @property
+    def reached(self) -> bool:
+        """Whether the speed is the one that was asked for."""
+        return bool(np.abs(self.target - self._speed).max() < 1e-9)
+
     def brake(self, tool: float = math.inf, joint: float = math.inf) -> None:
         """See `Motion`; one rad/s² of the joints counts as 1000 mm/s² of the tool."""
         self.aim(np.zeros(6), min(tool, joint * 1000.0) if self.of_tool else min(joint, tool / 1000.0))

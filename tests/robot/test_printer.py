@@ -23,6 +23,9 @@ from robot.simulation import Fault, SimulatedCell
 HOST = "127.0.0.41"
 SCALE = 6.0
 
+# A machine that holds one of the processes up for 50 ms takes 0.3 s of printing out of the pump law's hands.
+held_up = pytest.mark.flaky(reruns=2, only_rerun=[".*"])
+
 
 def at(cell, host, pump_host=None):
     """The cell at other addresses."""
@@ -91,6 +94,7 @@ def volume_after(simulated, seconds):
     return simulated.inject(Fault.PUMP_REPORT)["volume"] - before
 
 
+@held_up
 def test_a_whole_print(simulated, cell, two_layers, tmp_path):
     journal = tmp_path / "journal.sqlite"
     before = simulated.inject(Fault.PUMP_REPORT)["volume"]
@@ -121,6 +125,7 @@ def test_a_whole_print(simulated, cell, two_layers, tmp_path):
     assert split(two_layers)[2].start <= waypoint < len(two_layers)
 
 
+@held_up
 def test_the_slider_changes_nothing_about_the_bead(simulated, cell, one_bead, tmp_path):
     simulated.inject(Fault.SPEED_SLIDER, fraction=0.5)
     try:

@@ -1,0 +1,76 @@
+"""A program that was sent to the simulated controller, as its machine steps it."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from .script_library import library
+from .script_moves import ScriptMoves
+from .urscript import Running, ScriptError, ScriptRuntimeError, compiled
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .machine import Machine
+
+
+class ScriptProgram:
+    """Runs a program, a step a cycle.
+
+    Args:
+        machine: whose arm and registers it has.
+        text: of the program.
+
+    Raises:
+        ScriptSyntaxError: the text is no program; nothing was changed.
+    """
+
+    def __init__(self, machine: Machine, text: str) -> None:
+        self._machine = machine
+        self._moves = ScriptMoves(machine, self._waker)
+        functions = library(machine, self._moves, _log)
+        program = compiled(text, functions)
+        self.name, self.secondary = program.name, program.secondary
+        self._running = Running(program, functions)
+
+    def __iter__(self) -> Iterator[None]:
+        return self
+
+    def __next__(self) -> None:
+        """Let a cycle pass.
+
+        Raises:
+            StopIteration: the program has ended.
+            ScriptRuntimeError: it did what ends it.
+        """
+        goes_on = self._running.step()
+        self._moves.settle()
+        if not goes_on:
+            raise StopIteration
+
+    def run_at_once(self) -> None:
+        """Run a secondary program: it takes no time, beside whatever runs.
+
+        Raises:
+            ScriptRuntimeError: it did what ends it, or takes time.
+        """
+        if self._running.step():
+            self._running.end()
+            raise ScriptRuntimeError("a secondary program cannot take time", 1, 1)
+
+    def _waker(self) -> Callable[[], None]:
+        """What lets the thread that now runs go on within a cycle."""
+        thread = self._running.current
+
+        def wake() -> None:
+            try:
+                self._running.wake(thread)
+            except ScriptError as error:
+                self._machine.stop_program(str(error))
+
+        return wake
+
+
+def _log(text: str) -> None:
+    print(f"program: {text}", file=sys.stderr, flush=True)

@@ -1,0 +1,249 @@
+"""The functions of URScript that compute: numbers, vectors, poses, strings."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from planning.pose import pose_from_vector, vector_from_pose
+
+from .errors import Refusal
+from .functions import Builtin, builtin
+from .lists import LISTS
+from .values import LONGEST, Pose, Value, integer, kind, number, numbers, written
+
+Array: TypeAlias = npt.NDArray[np.float64]
+
+
+def _of_one(name: str, function: Callable[[float], float]) -> Builtin:
+    def call(value: Value) -> float:
+        try:
+            return float(function(number(value, f"'{name}'s argument")))
+        except (ValueError, OverflowError):
+            raise Refusal(f"'{name}' has no value at {written(value)}") from None
+
+    return builtin(f"{name}(f)", call)
+
+
+def _whole(name: str, function: Callable[[float], int]) -> Builtin:
+    def call(value: Value) -> int:
+        found = number(value, f"'{name}'s argument")
+        if not math.isfinite(found):
+            raise Refusal(f"'{name}' has no value at {written(value)}")
+        return integer(float(function(found)), f"the result of '{name}'")
+
+    return builtin(f"{name}(f)", call)
+
+
+def _pow(base: Value, exponent: Value) -> float:
+    try:
+        found = number(base, "base") ** number(exponent, "exponent")
+    except (OverflowError, ZeroDivisionError):
+        found = math.nan
+    if isinstance(found, complex) or math.isnan(found):
+        raise Refusal(f"pow has no value at {written(base)}, {written(exponent)}")
+    return float(found)
+
+
+def _log(base: Value, value: Value) -> float:
+    try:
+        return math.log(number(value, "f"), number(base, "base"))
+    except (ValueError, ZeroDivisionError):
+        raise Refusal(f"log has no value at {written(base)}, {written(value)}") from None
+
+
+def _norm(value: Value) -> Any:
+    if isinstance(value, list):
+        return float(math.sqrt(sum(number(item, "an item") ** 2 for item in value)))
+    if type(value) is int:
+        return abs(value)
+    return abs(number(value, "norm's argument"))
+
+
+# -- poses
+
+
+def matrix(value: Value, what: str = "a pose") -> Array:
+    """A pose as a transform, shape (4, 4), m."""
+    found: Array = pose_from_vector(np.array([numbers(value, 6, what)]))[0]
+    return found
+
+
+def as_pose(transform: Array) -> Pose:
+    """A transform, shape (4, 4), m, as a pose."""
+    return Pose(vector_from_pose(transform[None])[0].tolist())
+
+
+def _pose_trans(start: Value, then: Value) -> Pose:
+    return as_pose(matrix(start, "p_from") @ matrix(then, "p_from_to"))
+
+
+def _pose_inv(value: Value) -> Pose:
+    inverse: Array = np.linalg.inv(matrix(value)).astype(np.float64)
+    return as_pose(inverse)
+
+
+def _pose_add(first: Value, second: Value) -> Pose:
+    """Positions are added, rotations follow one another."""
+    a, b = matrix(first, "p_1"), matrix(second, "p_2")
+    made = np.eye(4)
+    made[:3, :3] = a[:3, :3] @ b[:3, :3]
+    made[:3, 3] = a[:3, 3] + b[:3, 3]
+    return as_pose(made)
+
+
+def _pose_sub(first: Value, second: Value) -> Pose:
+    a, b = matrix(first, "p_to"), matrix(second, "p_from")
+    made = np.eye(4)
+    made[:3, :3] = a[:3, :3] @ b[:3, :3].T
+    made[:3, 3] = a[:3, 3] - b[:3, 3]
+    return as_pose(made)
+
+
+def _pose_dist(first: Value, second: Value) -> float:
+    """Distance of the positions, m."""
+    a, b = numbers(first, 6, "p_from"), numbers(second, 6, "p_to")
+    return math.dist(a[:3], b[:3])
+
+
+def _point_dist(first: Value, second: Value) -> float:
+    return _pose_dist(first, second)
+
+
+def _interpolate_pose(start: Value, end: Value, share: Value) -> Pose:
+    a, b, part = matrix(start, "p_from"), matrix(end, "p_to"), number(share, "alpha")
+    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+    made = np.eye(4)
+    made[:3, :3] = a[:3, :3] @ Rotation.from_rotvec(part * turn).as_matrix()
+    made[:3, 3] = a[:3, 3] + part * (b[:3, 3] - a[:3, 3])
+    return as_pose(made)
+
+
+def _rpy(value: Value) -> list[float]:
+    """Roll, pitch and yaw to a rotation vector, about fixed x, then y, then z."""
+    found: list[float] = Rotation.from_euler("xyz", numbers(value, 3, "rpy_vector")).as_rotvec().tolist()
+    return found
+
+
+def _to_rpy(value: Value) -> list[float]:
+    found: list[float] = Rotation.from_rotvec(numbers(value, 3, "rotation_vector")).as_euler("xyz").tolist()
+    return found
+
+
+# -- strings
+
+
+def _text(value: Value, what: str) -> str:
+    if type(value) is not str:
+        raise Refusal(f"{what} must be a string, not {kind(value)}")
+    return value
+
+
+def _str_cat(first: Value, second: Value) -> str:
+    found = (first if isinstance(first, str) else written(first)) + (
+        second if isinstance(second, str) else written(second)
+    )
+    if len(found) > LONGEST:
+        raise Refusal(f"a string has at most {LONGEST} characters")
+    return found
+
+
+def _str_at(source: Value, index: Value) -> str:
+    text, at = _text(source, "src"), integer(index, "index")
+    if not 0 <= at < len(text):
+        raise Refusal(f"index {at} is outside a string of {len(text)}")
+    return text[at]
+
+
+def _str_find(source: Value, target: Value, start: Value) -> int:
+    return _text(source, "src").find(_text(target, "target"), integer(start, "start_from"))
+
+
+def _str_sub(source: Value, index: Value, length: Value) -> str:
+    text, at = _text(source, "src"), integer(index, "index")
+    count = len(text) - at if length is None else integer(length, "len")
+    if not (0 <= at <= len(text) and count >= 0):
+        raise Refusal(f"characters {at} to {at + count} are outside a string of {len(text)}")
+    return text[at : at + count]
+
+
+def _to_num(value: Value) -> int | float:
+    text = _text(value, "str").strip()
+    try:
+        return integer(float(int(text)))
+    except (ValueError, Refusal, OverflowError):
+        pass
+    try:
+        found = float(text)
+    except ValueError:
+        raise Refusal(f"'{text}' is no number") from None
+    return found
+
+
+def _is_num(value: Value) -> bool:
+    try:
+        float(_text(value, "str"))
+    except ValueError:
+        return False
+    return True
+
+
+def _binary_list_to_integer(value: Value) -> int:
+    if not isinstance(value, list) or len(value) > 32 or any(type(bit) is not bool for bit in value):
+        raise Refusal("l must be a list of at most 32 booleans")
+    found = sum(int(bit) << i for i, bit in enumerate(value))
+    return found - (1 << 32) if found >= 1 << 31 else found
+
+
+def _integer_to_binary_list(value: Value) -> list[bool]:
+    return [bool(integer(value, "x") >> i & 1) for i in range(32)]
+
+
+def _wrench_trans(frame: Value, wrench: Value) -> list[float]:
+    """A wrench about another frame's origin and along its axes: forces, then torques."""
+    transform, given = matrix(frame, "T_from_to"), np.array(numbers(wrench, 6, "w_from"))
+    turn, moved = transform[:3, :3].T, transform[:3, 3]
+    force = turn @ given[:3]
+    return [*force.tolist(), *(turn @ (given[3:] - np.cross(moved, given[:3]))).tolist()]
+
+
+MATHEMATICS: tuple[Builtin, ...] = (
+    *LISTS,
+    *(_of_one(name, getattr(math, name)) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt")),
+    _of_one("d2r", math.radians),
+    _of_one("r2d", math.degrees),
+    _whole("ceil", math.ceil),
+    _whole("floor", math.floor),
+    builtin("atan2(x, y)", lambda x, y: math.atan2(number(x, "x"), number(y, "y"))),
+    builtin("pow(base, exponent)", _pow),
+    builtin("log(b, f)", _log),
+    builtin("norm(a)", _norm),
+    builtin("random()", random.random),
+    builtin("pose_trans(p_from, p_from_to)", _pose_trans),
+    builtin("pose_inv(p_from)", _pose_inv),
+    builtin("pose_add(p_1, p_2)", _pose_add),
+    builtin("pose_sub(p_to, p_from)", _pose_sub),
+    builtin("pose_dist(p_from, p_to)", _pose_dist),
+    builtin("point_dist(p_from, p_to)", _point_dist),
+    builtin("interpolate_pose(p_from, p_to, alpha)", _interpolate_pose),
+    builtin("rpy2rotvec(rpy_vector)", _rpy),
+    builtin("rotvec2rpy(rotation_vector)", _to_rpy),
+    builtin("str_cat(op1, op2)", _str_cat),
+    builtin("str_at(src, index)", _str_at),
+    builtin("str_empty(str)", lambda text: not _text(text, "str")),
+    builtin("str_find(src, target, start_from)", _str_find, {"start_from": 0}),
+    builtin("str_len(str)", lambda text: len(_text(text, "str"))),
+    builtin("str_sub(src, index, len)", _str_sub, {"len": None}),
+    builtin("to_num(str)", _to_num),
+    builtin("to_str(val)", written),
+    builtin("is_num(str)", _is_num),
+    builtin("binary_list_to_integer(l)", _binary_list_to_integer),
+    builtin("integer_to_binary_list(x)", _integer_to_binary_list),
+    builtin("wrench_trans(T_from_to, w_from)", _wrench_trans),
+)
