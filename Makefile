@@ -12,7 +12,8 @@ demo: $(INSTALLED)
 # What runs in real time has the machine to itself; the rest runs on two cores. A print stops, as it must, when a virtual
 # machine's host keeps one of its processors to itself for longer than the guard waits: such a test is run once more.
 REAL_TIME := $(addprefix tests/,robot/test_printer.py robot/test_simulation_cell.py robot/test_simulation_controller.py \
-	robot/test_simulation_programs.py robot/test_simulation_pump.py twincell/test_demo.py)
+	robot/test_simulation_programs.py robot/test_simulation_pump.py robot/test_simulation_streams.py \
+	twincell/test_demo.py)
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(REAL_TIME:%=--ignore=%)

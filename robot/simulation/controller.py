@@ -49,7 +49,8 @@ class Controller:
             await asyncio.start_server(self.dashboard.serve, host, dashboard.PORT)
         for port in script_ports.PORTS:
             with told_of_taken_ports(host, port):
-                await asyncio.start_server(self.scripts.serve, host, port, limit=script_ports.LONGEST_LINE)
+                serve = partial(self.scripts.serve, port)
+                await asyncio.start_server(serve, host, port, limit=script_ports.LONGEST_LINE)
         with told_of_taken_ports(host, CONTROLLER_PORT):
             await loop.create_datagram_endpoint(
                 lambda: FaultPort(self._faults()), local_addr=(host, CONTROLLER_PORT)

@@ -20,7 +20,7 @@ from .streaming import standing
 from .urscript import ScriptError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from .frame import Numbers
     from .motion import Motion
@@ -98,6 +98,7 @@ class Machine:
         self.payload_cog: Numbers = (0.0, 0.0, 0.0)
         self.external_wrench: Numbers = (0.0,) * 6
 
+        self.on_fault: Callable[[ScriptError], None] | None = None  # who else is told of a program's end
         self._program: Iterator[None] | None = None
         self._loaded: tuple[float, Iterator[None]] | None = None  # wall time at which it starts
         self._watchdog: tuple[int, float] | None = None  # register, longest silence in s of wall time
@@ -130,7 +131,9 @@ class Machine:
             next(self._program)
         except StopIteration:
             self.stop_program()
-        except (PlanningError, ScriptError, ValueError) as error:
+        except ScriptError as error:
+            self.fault(error)
+        except (PlanningError, ValueError) as error:
             self.stop_program(str(error))
 
     def _move(self, seconds: float) -> None:
@@ -175,6 +178,12 @@ class Machine:
             self.motion.brake(tool=FAST_STOP)
         self._program = self._loaded = self._watchdog = None
         self.runtime = RuntimeState.STOPPED
+
+    def fault(self, error: ScriptError) -> None:
+        """End the program for what it did."""
+        self.stop_program(str(error))
+        if self.on_fault is not None:
+            self.on_fault(error)
 
     def pause_program(self) -> None:
         """Hold the program where it is; the arm comes to rest."""

@@ -1,4 +1,4 @@
-"""The simulated controller's script ports: programs come in as text, nothing goes out.
+"""The simulated controller's script ports: programs come in as text; two of them tell the controller's state.
 
 A program is `def NAME():` to its own `end`, blocks within it counted; `sec NAME():` the same, for a program that takes
 no time and runs beside the one that runs; any other line is a program of its own. ur-rtde's control script is run by
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from .control_script import ControlScript
 from .script_program import ScriptProgram
+from .state_stream import StateStream, exception_message, text_message
 from .upload import recognise
 from .urscript import ScriptError
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from .machine import Machine
 
 PORTS = (30001, 30002, 30003)
+STATE_PORTS = (30001, 30002)
 LONGEST_LINE = 1 << 20
 LONGEST_PROGRAM = 1 << 22
 
@@ -37,10 +39,13 @@ class ScriptPorts:
         self.machine = machine
         self._workers = workers
         self._start_delay = start_delay
+        self._stream = StateStream(machine)
+        machine.on_fault = self._tell
 
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Read programs from one client until it leaves."""
+    async def serve(self, port: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Read programs from one client of a port until it leaves."""
         collected = _Collected()
+        feeding = asyncio.create_task(self._stream.feed(writer)) if port in STATE_PORTS else None
         try:
             while received := await reader.readline():
                 text = collected.add(received.decode("utf-8", "replace"))
@@ -49,6 +54,8 @@ class ScriptPorts:
         except (ConnectionError, asyncio.LimitOverrunError, ValueError) as error:
             print(f"controller: script client dropped: {error}", file=sys.stderr, flush=True)
         finally:
+            if feeding is not None:
+                feeding.cancel()
             writer.close()
 
     async def _take(self, text: str) -> None:
@@ -57,10 +64,12 @@ class ScriptPorts:
             upload = recognise(text)
             if upload is None:
                 program = await asyncio.get_running_loop().run_in_executor(
-                    self._workers, ScriptProgram, self.machine, text
+                    self._workers, ScriptProgram, self.machine, text, self._say
                 )
         except (ValueError, ScriptError) as error:
             print(f"controller: '{name}' refused: {error}", file=sys.stderr, flush=True)
+            if isinstance(error, ScriptError):
+                self._tell(error)
             return
         if not self.machine.may_move:
             print(
@@ -74,8 +83,16 @@ class ScriptPorts:
                 program.run_at_once()
             except ScriptError as error:
                 print(f"controller: '{name}' ended: {error}", file=sys.stderr, flush=True)
+                self._tell(error)
         else:
             self.machine.load(program, time.monotonic() + self._start_delay)
+
+    def _say(self, text: str) -> None:
+        print(f"program: {text}", file=sys.stderr, flush=True)
+        self._stream.say(lambda machine: text_message(machine, text))
+
+    def _tell(self, error: ScriptError) -> None:
+        self._stream.say(lambda machine: exception_message(machine, error.message, error.line, error.column))
 
 
 class _Collected:

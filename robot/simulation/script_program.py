@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 from .script_library import library
@@ -21,15 +20,16 @@ class ScriptProgram:
     Args:
         machine: whose arm and registers it has.
         text: of the program.
+        say: is told what the program says.
 
     Raises:
         ScriptSyntaxError: the text is no program; nothing was changed.
     """
 
-    def __init__(self, machine: Machine, text: str) -> None:
+    def __init__(self, machine: Machine, text: str, say: Callable[[str], None]) -> None:
         self._machine = machine
         self._moves = ScriptMoves(machine, self._waker)
-        functions = library(machine, self._moves, _log)
+        functions = library(machine, self._moves, say)
         program = compiled(text, functions)
         self.name, self.secondary = program.name, program.secondary
         self._running = Running(program, functions)
@@ -67,10 +67,6 @@ class ScriptProgram:
             try:
                 self._running.wake(thread)
             except ScriptError as error:
-                self._machine.stop_program(str(error))
+                self._machine.fault(error)
 
         return wake
-
-
-def _log(text: str) -> None:
-    print(f"program: {text}", file=sys.stderr, flush=True)

@@ -163,7 +163,7 @@ def test_a_secondary_program_runs_beside_the_other(receive, home):
     send("sec lamp():\n  set_digital_out(3, True)\nend\n")
     until(lambda: receive.getActualDigitalOutputBits() >> 3 & 1)
     assert receive.getRuntimeState() == 2
-    send("set_digital_out(3, False)\n")  # a line is a program, and takes the place of the one that runs
+    send("digital_out[3]=False\n")  # a line is a program, and takes the place of the one that runs
     until(lambda: not receive.getActualDigitalOutputBits() >> 3 & 1)
     until(lambda: receive.getRuntimeState() == 1)
 

@@ -68,6 +68,14 @@ _OPERATIONS = {
     "!=": "differ",
     "xor": "either",
 }
+_ARRAYS = {
+    "digital_out": ("get_digital_out", "set_digital_out"),
+    "analog_out": ("get_analog_out", "set_analog_out"),
+    "digital_in": ("get_digital_in", ""),
+    "analog_in": ("get_analog_in", ""),
+}
+"""Inputs and outputs as older programs write them, `digital_out[2] = True`: what reads and what sets one."""
+
 _TRUE_OR_FALSE = frozenset({"<", "<=", ">", ">=", "==", "!=", "xor", "and", "or"})
 
 
@@ -170,6 +178,10 @@ class _Compiler:
         target = part.target
         if isinstance(target, Name):
             return _assign(f"v_{target.name}", value)
+        setter = self._of_array(target, 1)
+        if setter and isinstance(target, Index):
+            call = Call(part.line, part.column, setter, None, (target.index, part.value), ())
+            return self._evaluate(Evaluate(part.line, part.column, call))
         base = self._expression(target.base)
         if isinstance(target, Index):
             return ast.Expr(_placed(_call("put", base, self._expression(target.index), value), target))
@@ -262,6 +274,8 @@ class _Compiler:
             case Binary(sign=sign, left=left, right=right):
                 return _call(_OPERATIONS[sign], self._expression(left), self._expression(right))
             case Index(base=base, index=index):
+                if getter := self._of_array(part, 0):
+                    return self._called(Call(part.line, part.column, getter, None, (index,), ()))
                 return _call("item", self._expression(base), self._expression(index))
             case Member(base=base, name=name):
                 return _call("member", self._expression(base), ast.Constant(name))
@@ -269,6 +283,16 @@ class _Compiler:
                 return self._run(part)
             case Call():
                 return self._called(part)
+
+    def _of_array(self, part: Expression, which: int) -> str:
+        """The function that reads or sets an input or output written as an item of an array, or nothing."""
+        if not isinstance(part, Index) or not isinstance(part.base, Name):
+            return ""
+        name = part.base.name
+        if name in self._known.local or name in self._scopes.names:
+            return ""
+        function = _ARRAYS.get(name, ("", ""))[which]
+        return function if function in self._library else ""
 
     def _own(self, part: Expression) -> ast.expr:
         """A value that nothing else changes."""
