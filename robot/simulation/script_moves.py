@@ -15,11 +15,13 @@ import numpy as np
 from planning.pose import pose_from_vector
 
 from .frame import Numbers, frame_of
+from .machine import FAST_STOP
 from .motion import TrackMotion
 from .outputs import millimetres
 from .posture import nearest_joints
 from .streaming import ServoMotion, SpeedMotion
-from .tool_motion import Target, ToolMotion
+from .tool_motion import ToolMotion
+from .tool_pieces import Target
 from .track import joint_track
 from .urscript import Refusal
 from .urscript.values import Pose, Value, kind, number, numbers
@@ -34,9 +36,6 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 Steered = TypeVar("Steered", ServoMotion, SpeedMotion)
-
-FAST_STOP = 3000.0
-"""Deceleration of a motion that was left behind, mm/s²."""
 
 RAMP = 0.25
 """Share of a move's time in which it speeds up, where the program gives the time."""

@@ -52,14 +52,11 @@ def exception_message(machine: Machine, text: str, line: int, column: int) -> by
 def state_message(machine: Machine) -> bytes:
     """The controller's state."""
     parts = _mode(machine) + _joints(machine) + _tool(machine) + _board(machine) + _place(machine)
-    return _framed(STATE, parts + _force(machine) + _part(8, struct.pack(">B??B", 0, False, False, 0)))
+    return _framed(STATE, parts + _force(machine) + _framed(8, struct.pack(">B??B", 0, False, False, 0)))
 
 
 def _framed(kind: int, body: bytes) -> bytes:
     return struct.pack(">iB", 5 + len(body), kind) + body
-
-
-_part = _framed
 
 
 def _message(machine: Machine, kind: int, body: bytes) -> bytes:
@@ -87,13 +84,13 @@ def _mode(machine: Machine) -> bytes:
         machine.throttle if machine.runtime is RuntimeState.PLAYING else 0.0,
         1.0,
     )
-    return _part(0, body + (b"\0" if machine.version[0] >= 5 else b""))
+    return _framed(0, body + (b"\0" if machine.version[0] >= 5 else b""))
 
 
 def _joints(machine: Machine) -> bytes:
     mode = JOINT_POWER_OFF if machine.mode is RobotMode.POWER_OFF else JOINT_RUNNING
     state = machine.state
-    return _part(
+    return _framed(
         1,
         b"".join(
             struct.pack(">dddffffB", q, q, speed, 0.0, VOLTAGE, TEMPERATURE, 0.0, mode)
@@ -104,13 +101,13 @@ def _joints(machine: Machine) -> bytes:
 
 def _tool(machine: Machine) -> bytes:
     mode = JOINT_POWER_OFF if machine.mode is RobotMode.POWER_OFF else JOINT_RUNNING
-    return _part(2, struct.pack(">BBddfBffB", 0, 0, 0.0, 0.0, 24.0, 0, 0.0, TEMPERATURE, mode))
+    return _framed(2, struct.pack(">BBddfBffB", 0, 0, 0.0, 0.0, 24.0, 0, 0.0, TEMPERATURE, mode))
 
 
 def _board(machine: Machine) -> bytes:
     one, two = machine.analog_outputs
     kinds = machine.analog_output_types
-    return _part(
+    return _framed(
         3,
         struct.pack(
             ">iiBBddBBddffffBBBIBB",
@@ -126,11 +123,11 @@ def _board(machine: Machine) -> bytes:
 
 
 def _place(machine: Machine) -> bytes:
-    return _part(4, struct.pack(">12d", *metres(machine.state.pose), *metres(machine.tool_offset)))
+    return _framed(4, struct.pack(">12d", *metres(machine.state.pose), *metres(machine.tool_offset)))
 
 
 def _force(machine: Machine) -> bytes:
-    return _part(7, struct.pack(">7d", *machine.external_wrench, 0.0))
+    return _framed(7, struct.pack(">7d", *machine.external_wrench, 0.0))
 
 
 class StateStream:

@@ -11,15 +11,15 @@ turns evenly along each line; where it turns by more than the tool travels, it s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from planning import Arm, ReachError
 
 from .arm_frame import flange_frame
-from .frame import Numbers, compose, frame_of, inverse, pose_numbers, rotation_between, speed_between, turned
+from .frame import Numbers, compose, frame_of, inverse, pose_numbers, speed_between
 from .motion import STILL, ArmState
 from .posture import nearest_joints
+from .tool_pieces import NO_LENGTH, Leg, Piece, Target, arc_through, rounding
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,74 +27,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-TURN_LENGTH = 100.0  # mm of travel that a turn by one radian counts as
-NO_LENGTH = 1e-9  # mm
 STRAIGHT = 1e-6  # rad, below which a corner is none
 REVERSAL = math.pi - 1e-3  # rad, beyond which a corner cannot be rounded
-
-
-@dataclass(frozen=True)
-class Target:
-    """Where a move leads, and how.
-
-    Attributes:
-        frame: of the tool, mm.
-        speed: mm/s.
-        acceleration: mm/s².
-        blend: radius at the target, mm.
-        via: a place that an arc to the target passes through, mm; None for a line.
-        keeps: whether the tool keeps its orientation to the arc.
-    """
-
-    frame: Numbers
-    speed: float
-    acceleration: float
-    blend: float = 0.0
-    via: Numbers | None = None
-    keeps: bool = False
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """A line or an arc: the tool's frame by the distance run along it, to its end."""
-
-    length: float
-    speed: float
-    acceleration: float
-    frame_at: Callable[[float], Numbers]
-
-
-@dataclass(frozen=True)
-class _Leg:
-    """A line from target to target; what is run of it is counted in travel, mm."""
-
-    start: Numbers
-    end: Numbers
-    direction: Numbers  # of unit length, or (0, 0, 0) for a turn on the spot
-    distance: float
-    travel: float
-    turn: Numbers  # from start to end, rad
-
-    @classmethod
-    def between(cls, start: Numbers, end: Numbers) -> _Leg:
-        step = [b - a for a, b in zip(start[9:], end[9:], strict=True)]
-        distance = math.hypot(*step)
-        turn = rotation_between(start, end)
-        direction = tuple(x / distance for x in step) if distance > NO_LENGTH else (0.0, 0.0, 0.0)
-        travel = max(distance, TURN_LENGTH * math.hypot(*turn))
-        return cls(start, end, direction, distance, travel, turn)
-
-    def oriented(self, share: float) -> Numbers:
-        """The frame with the orientation at a share of the line, at the line's start."""
-        return turned(self.start, [share * r for r in self.turn])
-
-    def frame(self, share: float) -> Numbers:
-        """The frame at a share of the line."""
-        if share >= 1.0:
-            return self.end
-        way = share * self.distance
-        place = (a + way * d for a, d in zip(self.start[9:], self.direction, strict=True))
-        return (*self.oriented(share)[:9], *place)
 
 
 class ToolMotion:
@@ -129,9 +63,9 @@ class ToolMotion:
         self._tool = frame_of(tool)
         self._untool = inverse(self._tool)
         self._frame = compose(flange_frame(arm, state.joints), self._tool)
-        self._pieces: list[_Piece] = []
+        self._pieces: list[Piece] = []
         self._on, self._speed = 0.0, 0.0  # along the first piece
-        self._leg: _Leg | None = None  # the last one told
+        self._leg: Leg | None = None  # the last one told
         self._blend = 0.0  # what of the last leg's end is left for a blend, as far as the leg allows
         self._target: Target | None = None
         self._braking = 0.0
@@ -146,7 +80,7 @@ class ToolMotion:
         """Go on to a target: from rest, or while `asking`."""
         self.throttle_rate = target.acceleration / target.speed
         if target.via is not None:
-            self._add_arc(target)
+            self._addrounding(target)
         else:
             self._add_line(target)
         self._target = target
@@ -156,7 +90,7 @@ class ToolMotion:
 
     def _add_line(self, target: Target) -> None:
         corner = self._leg.end if self._leg is not None and self.asking else self._frame
-        leg = _Leg.between(corner, target.frame)
+        leg = Leg.between(corner, target.frame)
         if leg.travel < NO_LENGTH:
             return
         rounded = self._round(leg, target) if self._leg is not None and self.asking else 0.0
@@ -166,11 +100,11 @@ class ToolMotion:
         self._leg, self._blend = leg, min(radius, room)
         self._append_line(leg, start, 1.0 - self._blend / leg.travel, target)
 
-    def _append_line(self, leg: _Leg, start: float, end: float, target: Target) -> None:
+    def _append_line(self, leg: Leg, start: float, end: float, target: Target) -> None:
         length = (end - start) * leg.travel
         if length > NO_LENGTH:
             self._pieces.append(
-                _Piece(
+                Piece(
                     length,
                     target.speed,
                     target.acceleration,
@@ -178,7 +112,7 @@ class ToolMotion:
                 )
             )
 
-    def _round(self, leg: _Leg, target: Target) -> float:
+    def _round(self, leg: Leg, target: Target) -> float:
         """Round the corner from the last leg into the next; what of the next is used up, mm."""
         before = self._leg
         assert before is not None
@@ -195,21 +129,21 @@ class ToolMotion:
             if bend < STRAIGHT or radius > NO_LENGTH:
                 self._append_line(before, 1.0 - radius / before.travel, 1.0, self._target)
             return 0.0
-        self._pieces.append(_arc(before, leg, radius, bend, target))
+        self._pieces.append(rounding(before, leg, radius, bend, target))
         return radius
 
-    def _reopen(self, leg: _Leg) -> float:
+    def _reopen(self, leg: Leg) -> float:
         """Give up the stretch that comes to rest; the share of its line that is run."""
         self._blend = max(self._blend - self._on, 0.0)
         self._pieces.clear()
         self._on = 0.0
         return 1.0 - self._blend / leg.travel
 
-    def _add_arc(self, target: Target) -> None:
+    def _addrounding(self, target: Target) -> None:
         start = self._leg.end if self._leg is not None and self.asking else self._frame
         if self._leg is not None and self.asking:
             self._append_line(self._leg, self._reopen(self._leg), 1.0, self._target or target)
-        piece = _through(start, target)
+        piece = arc_through(start, target)
         self._pieces.append(piece)
         self._leg, self._blend = None, 0.0
 
@@ -243,7 +177,7 @@ class ToolMotion:
             if self._on >= piece.length - NO_LENGTH:
                 self._next()
 
-    def _rate(self, piece: _Piece) -> float:
+    def _rate(self, piece: Piece) -> float:
         """Acceleration: what the move asks for, or what it takes to come to rest at the end."""
         stop = self._distance_to_rest()
         return (
@@ -347,63 +281,3 @@ def _phase(
         took = 2.0 * room / (speed + root) if speed + root > 0.0 else took
         way = room
     return took, way, max(speed + gain * took, 0.0)
-
-
-def _arc(before: _Leg, after: _Leg, radius: float, bend: float, target: Target) -> _Piece:
-    """The arc that touches two lines at a distance from their corner."""
-    curvature = radius / math.tan(0.5 * bend)
-    length = curvature * bend
-    u, v = before.direction, after.direction
-    start = [c - radius * d for c, d in zip(before.end[9:], u, strict=True)]
-    inward = [(b - math.cos(bend) * a) / math.sin(bend) for a, b in zip(u, v, strict=True)]
-
-    def frame_at(on: float) -> Numbers:
-        angle = bend * min(on / length, 1.0)
-        sine, rise = curvature * math.sin(angle), curvature * (1.0 - math.cos(angle))
-        place = (p + sine * a + rise * n for p, a, n in zip(start, u, inward, strict=True))
-        half = angle / (0.5 * bend)
-        if half < 1.0:
-            oriented = before.oriented(1.0 - (1.0 - half) * radius / before.distance)
-        else:
-            oriented = after.oriented((half - 1.0) * radius / after.distance)
-        return (*oriented[:9], *place)
-
-    return _Piece(length, target.speed, target.acceleration, frame_at)
-
-
-def _through(start: Numbers, target: Target) -> _Piece:
-    """The arc from a frame through a place to a target.
-
-    Raises:
-        ReachError: the three places lie on a line.
-    """
-    assert target.via is not None
-    a = [v - s for v, s in zip(target.via, start[9:], strict=True)]
-    b = [e - s for e, s in zip(target.frame[9:], start[9:], strict=True)]
-    normal = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    size = math.hypot(*normal)
-    if size < 1e-9 * max(1.0, math.hypot(*a) * math.hypot(*b)):
-        raise ReachError("the start, the via point and the end of a circular move lie on a line")
-    aa, bb, ab = (sum(p * q for p, q in zip(x, y, strict=True)) for x, y in ((a, a), (b, b), (a, b)))
-    fa, fb = bb * (aa - ab) / (2.0 * size * size), aa * (bb - ab) / (2.0 * size * size)
-    centre = [s + fa * p + fb * q for s, p, q in zip(start[9:], a, b, strict=True)]
-    z = [n / size for n in normal]
-    x = [s - c for s, c in zip(start[9:], centre, strict=True)]
-    radius = math.hypot(*x)
-    x = [p / radius for p in x]
-    y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]]
-    end = [e - c for e, c in zip(target.frame[9:], centre, strict=True)]
-    angle = math.atan2(*(sum(p * q for p, q in zip(end, axis, strict=True)) for axis in (y, x))) % (
-        2.0 * math.pi
-    )
-    length = radius * angle
-    turn = [angle * n for n in z] if target.keeps else rotation_between(start, target.frame)
-    travel = max(length, TURN_LENGTH * math.hypot(*turn))
-
-    def frame_at(on: float) -> Numbers:
-        share = min(on / travel, 1.0)
-        cosine, sine = radius * math.cos(share * angle), radius * math.sin(share * angle)
-        place = (c + cosine * p + sine * q for c, p, q in zip(centre, x, y, strict=True))
-        return (*turned(start, [share * r for r in turn])[:9], *place)
-
-    return _Piece(travel, target.speed, target.acceleration, frame_at)
