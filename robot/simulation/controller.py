@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from planning import ConfigurationError, load_cell
 from robot.rtde import PORT as RTDE_PORT
+from robot.simulation.interfaces import dashboard, script_ports
+from robot.simulation.interfaces.rtde_server import Connection, RtdeServer
 
-from . import dashboard, script_ports
 from .clock import ProcessClock
 from .faults import CONTROLLER_PORT, Fault, FaultPort
 from .lifetime import arguments, run, told_of_taken_ports, until_ended
 from .machine import Machine, SafetyMode
-from .rtde_server import Connection, RtdeServer
 
 if TYPE_CHECKING:
     import argparse

@@ -15,15 +15,15 @@ import numpy as np
 
 from planning import Cell, PlanningError, arm
 from planning.pose import pose_from_vector
+from robot.simulation.motions.streaming import standing
 
-from .streaming import standing
 from .urscript import ScriptError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from .frame import Numbers
-    from .motion import Motion
+    from robot.simulation.motions.frame import Numbers
+    from robot.simulation.motions.motion import Motion
 
 FAST_STOP = 3000.0  # mm/s², deceleration of stops that no command gave
 LATE = 0.05  # s of wall time; after such a gap the controller itself was held up, and blames no client

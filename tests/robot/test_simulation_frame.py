@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from planning import ARMS, arm
 from planning.pose import pose_from_vector, rotation_from_vector, vector_from_pose
-from robot.simulation.arm_frame import flange_frame, joint_solutions
-from robot.simulation.frame import compose, frame_of, pose_numbers, speed_between, turn, turned
-from robot.simulation.posture import nearest_joints
+from robot.simulation.motions.arm_frame import flange_frame, joint_solutions
+from robot.simulation.motions.frame import compose, frame_of, pose_numbers, speed_between, turn, turned
+from robot.simulation.motions.posture import nearest_joints
 
 joint_angles = st.lists(st.floats(-6.2, 6.2), min_size=6, max_size=6)
 poses = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6)

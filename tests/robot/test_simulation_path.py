@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from planning import ReachError, arm
 from planning.pose import rotation_from_vector
-from robot.simulation.motion import TrackMotion
-from robot.simulation.path import Target, path_through
-from robot.simulation.track import joint_track, tool_track
+from robot.simulation.motions.motion import TrackMotion
+from robot.simulation.motions.path import Target, path_through
+from robot.simulation.motions.track import joint_track, tool_track
 
 ARM = arm("ur10e")
 HOME = np.radians([0.0, -90.0, -90.0, -90.0, 90.0, 0.0])

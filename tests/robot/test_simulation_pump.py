@@ -14,7 +14,7 @@ from planning import ConfigurationError, load_cell
 from robot.errors import PumpError
 from robot.pump_map import READY_BIT, RUNNING_BIT, TRIPPED_BIT, load_pump_map
 from robot.simulation import Fault, SimulatedCell
-from robot.simulation.hose import Hose
+from robot.simulation.pump.hose import Hose
 
 HOST = "127.0.0.22"
 MAP = load_pump_map("generic")

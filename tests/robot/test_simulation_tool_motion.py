@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from planning import ReachError, arm, load_cell
 from planning.pose import pose_from_vector
-from robot.simulation.frame import frame_of
-from robot.simulation.streaming import standing
-from robot.simulation.tool_motion import ToolMotion
-from robot.simulation.tool_pieces import Target
+from robot.simulation.motions.frame import frame_of
+from robot.simulation.motions.streaming import standing
+from robot.simulation.motions.tool_motion import ToolMotion
+from robot.simulation.motions.tool_pieces import Target
 
 START = np.array([-300.0, -600.0, 300.0])
 DOWN = np.diag([1.0, -1.0, -1.0])

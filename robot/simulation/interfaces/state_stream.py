@@ -12,11 +12,13 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from .machine import RobotMode, RuntimeState, SafetyMode
-from .outputs import JOINT_POWER_OFF, JOINT_RUNNING, metres
+from robot.simulation.machine import RobotMode, RuntimeState, SafetyMode
+from robot.simulation.motions.frame import metres
+
+from .outputs import JOINT_POWER_OFF, JOINT_RUNNING
 
 if TYPE_CHECKING:
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 PERIOD = 0.1
 """Wall time between two states, s."""

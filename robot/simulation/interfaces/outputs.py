@@ -7,14 +7,13 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from robot.rtde import OUTPUTS, Value
-
-from .machine import RobotMode, RuntimeState, SafetyMode
+from robot.simulation.machine import RobotMode, RuntimeState, SafetyMode
+from robot.simulation.motions.frame import metres
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .frame import Numbers
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 JOINT_RUNNING, JOINT_POWER_OFF = 253, 239
 NOTHING: dict[str, Value] = {
@@ -63,18 +62,6 @@ def _reader(machine: Machine, name: str) -> Callable[[], Value]:
             return partial(itemgetter(int(name.removeprefix(prefix))), bank)
     constant: Value = CONSTANTS.get(name, NOTHING.get(OUTPUTS[name], 0))
     return lambda: constant
-
-
-def metres(mm: Numbers) -> Numbers:
-    """A pose or a speed of the tool with its lengths in metres."""
-    x, y, z, rx, ry, rz = mm
-    return (x / 1000.0, y / 1000.0, z / 1000.0, rx, ry, rz)
-
-
-def millimetres(m: Numbers) -> Numbers:
-    """A pose or a speed of the tool, given in metres, with its lengths in mm."""
-    x, y, z, rx, ry, rz = m
-    return (x * 1000.0, y * 1000.0, z * 1000.0, rx, ry, rz)
 
 
 def _speed_scaling(machine: Machine) -> float:

@@ -6,12 +6,12 @@ import asyncio
 import re
 from typing import TYPE_CHECKING
 
-from .machine import RobotMode, RuntimeState, SafetyMode
+from robot.simulation.machine import RobotMode, RuntimeState, SafetyMode
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 PORT = 29999
 SERIAL_NUMBER = "20215500001"

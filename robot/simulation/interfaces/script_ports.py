@@ -13,16 +13,17 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from .control_script import ControlScript
-from .script_program import ScriptProgram
+from robot.simulation.programs.control_script import ControlScript
+from robot.simulation.programs.program import ScriptProgram
+from robot.simulation.programs.upload import recognise
+from robot.simulation.urscript import ScriptError
+
 from .state_stream import StateStream, exception_message, text_message
-from .upload import recognise
-from .urscript import ScriptError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 PORTS = (30001, 30002, 30003)
 STATE_PORTS = (30001, 30002)

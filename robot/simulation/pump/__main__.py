@@ -29,11 +29,11 @@ from robot.pump_map import (
     PumpMap,
     load_pump_map,
 )
+from robot.simulation.clock import ProcessClock
+from robot.simulation.faults import PUMP_PORT, Fault, FaultPort
+from robot.simulation.lifetime import arguments, run, told_of_taken_ports, until_ended
 
-from .clock import ProcessClock
-from .faults import PUMP_PORT, Fault, FaultPort
 from .hose import Hose
-from .lifetime import arguments, run, told_of_taken_ports, until_ended
 
 if TYPE_CHECKING:
     import argparse

@@ -110,3 +110,15 @@ def _quaternion(frame: Numbers) -> Numbers:
     if largest == 2:
         return ((zx + xz) / size, (zy + yz) / size, part, (yx - xy) / size)
     return ((zy - yz) / size, (xz - zx) / size, (yx - xy) / size, part)
+
+
+def metres(mm: Numbers) -> Numbers:
+    """A pose or a speed of the tool with its lengths in metres."""
+    x, y, z, rx, ry, rz = mm
+    return (x / 1000.0, y / 1000.0, z / 1000.0, rx, ry, rz)
+
+
+def millimetres(m: Numbers) -> Numbers:
+    """A pose or a speed of the tool, given in metres, with its lengths in mm."""
+    x, y, z, rx, ry, rz = m
+    return (x * 1000.0, y * 1000.0, z * 1000.0, rx, ry, rz)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .script_library import library
-from .script_moves import ScriptMoves
-from .urscript import Running, ScriptError, ScriptRuntimeError, compiled
+from robot.simulation.urscript import Running, ScriptError, ScriptRuntimeError, compiled
+
+from .library import library
+from .moves import ScriptMoves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 
 class ScriptProgram:

@@ -17,7 +17,7 @@ from .outputs import readers
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
 FREQUENCY = 500.0  # Hz of wall time
 BACKLOG = 65536  # bytes; a listener that does not read misses packages, it does not fill memory

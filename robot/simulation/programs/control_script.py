@@ -14,15 +14,13 @@ import numpy as np
 
 from planning import ReachError
 from planning.pose import pose_from_vector, vector_from_pose
-
-from .frame import frame_of
-from .machine import SafetyMode
-from .motion import TrackMotion
-from .outputs import metres, millimetres
-from .path import Target
-from .posture import nearest_joints
-from .streaming import ServoMotion, SpeedMotion
-from .track import Track, joint_track, tool_track
+from robot.simulation.machine import SafetyMode
+from robot.simulation.motions.frame import frame_of, metres, millimetres
+from robot.simulation.motions.motion import TrackMotion
+from robot.simulation.motions.path import Target
+from robot.simulation.motions.posture import nearest_joints
+from robot.simulation.motions.streaming import ServoMotion, SpeedMotion
+from robot.simulation.motions.track import Track, joint_track, tool_track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -30,7 +28,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
+
     from .upload import PathEntry, Upload
 
     Array = npt.NDArray[np.float64]

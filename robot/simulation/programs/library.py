@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from planning.pose import pose_from_vector, vector_from_pose
+from robot.simulation.machine import SafetyMode
+from robot.simulation.motions.frame import metres, millimetres
+from robot.simulation.urscript import MATHEMATICS, Library, Refusal, builtin
+from robot.simulation.urscript.values import Pose, Value, integer, number, numbers, truth, written
 
-from .machine import SafetyMode
-from .outputs import metres, millimetres
-from .urscript import MATHEMATICS, Library, Refusal, builtin
-from .urscript.values import Pose, Value, integer, number, numbers, truth, written
+from .motion_functions import STEP, motion_functions
 
 if TYPE_CHECKING:
-    from .machine import Machine
-    from .script_moves import ScriptMoves
-    from .urscript import Builtin
+    from robot.simulation.machine import Machine
+    from robot.simulation.urscript import Builtin
 
-STEP = 0.002
-"""A cycle as programs count it, s."""
+    from .moves import ScriptMoves
 
 REGISTERS = 48
 BITS = 128
@@ -44,7 +43,7 @@ def library(machine: Machine, moves: ScriptMoves, log: Callable[[str], None]) ->
         *_state(machine),
         *_kinematics(machine, moves),
         *_settings(machine),
-        *_motions(moves),
+        *motion_functions(moves),
     )
     return {one.name: one for one in found}
 
@@ -252,20 +251,6 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
     yield builtin("set_gravity(d)", lambda d: numbers(d, 3, "d") and None)
     yield builtin("rtde_set_watchdog(variable_name, min_frequency, action)", watchdog, {"action": "pause"})
     yield builtin("protective_stop()", lambda: machine.protective_stop(SafetyMode.PROTECTIVE_STOP))
-
-
-def _motions(moves: ScriptMoves) -> Iterator[Builtin]:
-    yield builtin("movej(q, a, v, t, r)", moves.movej, {"a": 1.4, "v": 1.05, "t": 0.0, "r": 0.0})
-    yield builtin("movel(pose, a, v, t, r)", moves.movel, {"a": 1.2, "v": 0.25, "t": 0.0, "r": 0.0})
-    yield builtin("movep(pose, a, v, r)", moves.movep, {"a": 1.2, "v": 0.25, "r": 0.0})
-    defaults = {"a": 1.2, "v": 0.25, "r": 0.0, "mode": 0}
-    yield builtin("movec(pose_via, pose_to, a, v, r, mode)", moves.movec, defaults)
-    following = {"a": 0.0, "v": 0.0, "t": STEP, "lookahead_time": 0.1, "gain": 300.0}
-    yield builtin("servoj(q, *a, *v, t, lookahead_time, gain)", moves.servoj, following)
-    yield builtin("speedl(xd, a, t, *aRot)", moves.speedl, {"a": 1.2, "t": 0.0, "aRot": 0.0})
-    yield builtin("speedj(qd, a, t)", moves.speedj, {"a": 1.2, "t": 0.0})
-    yield builtin("stopl(a, *aRot)", moves.stopl, {"a": 20.0, "aRot": 0.0})
-    yield builtin("stopj(a)", moves.stopj, {"a": 2.0})
 
 
 def _pose(transform: Any) -> Pose:

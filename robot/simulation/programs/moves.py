@@ -13,25 +13,23 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from planning.pose import pose_from_vector
-
-from .frame import Numbers, frame_of
-from .machine import FAST_STOP
-from .motion import TrackMotion
-from .outputs import millimetres
-from .posture import nearest_joints
-from .streaming import ServoMotion, SpeedMotion
-from .tool_motion import ToolMotion
-from .tool_pieces import Target
-from .track import joint_track
-from .urscript import Refusal
-from .urscript.values import Pose, Value, kind, number, numbers
+from robot.simulation.machine import FAST_STOP
+from robot.simulation.motions.frame import Numbers, frame_of, millimetres
+from robot.simulation.motions.motion import TrackMotion
+from robot.simulation.motions.posture import nearest_joints
+from robot.simulation.motions.streaming import ServoMotion, SpeedMotion
+from robot.simulation.motions.tool_motion import ToolMotion
+from robot.simulation.motions.tool_pieces import Target
+from robot.simulation.motions.track import joint_track
+from robot.simulation.urscript import Refusal
+from robot.simulation.urscript.values import Pose, Value, kind, number, numbers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
-    from .machine import Machine
+    from robot.simulation.machine import Machine
 
     Array = npt.NDArray[np.float64]
 

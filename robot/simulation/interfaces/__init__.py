@@ -1,0 +1,1 @@
+"""The ports of the simulated controller, as a real one has them."""

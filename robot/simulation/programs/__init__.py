@@ -1,0 +1,1 @@
+"""Programs of the simulated controller: what URScript's functions do to its machine."""
