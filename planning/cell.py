@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -104,6 +105,9 @@ class Pump(Table):
         flow_max: largest flow, mm³/s.
         flow_min: smallest steady flow, mm³/s.
         period_s: time between two exchanges, s.
+        transport: how Modbus gets there, where it is not as the register map says.
+        flow_per_hz: calibrated flow at 1 Hz, mm³/s, of a drive that counts in Hz, where it is not as the map says.
+        hose_length, hose_diameter: inside, between pump and nozzle, mm; without a length the hose holds nothing.
     """
 
     host: str = "127.0.0.1"
@@ -114,6 +118,15 @@ class Pump(Table):
     flow_max: Positive
     flow_min: NotNegative = 0.0
     period_s: Annotated[float, Field(gt=0, le=0.1)] = 0.02
+    transport: Literal["tcp", "rtu over tcp"] | None = None
+    flow_per_hz: Positive | None = None
+    hose_length: NotNegative = 0.0
+    hose_diameter: Positive = 35.0
+
+    @property
+    def hose_volume(self) -> float:
+        """What the hose holds, mm³."""
+        return 0.25 * math.pi * self.hose_diameter**2 * self.hose_length
 
 
 class Cell(Table):

@@ -8,7 +8,6 @@ from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter
 
 from .desktop_printer import DesktopPrinter
 from .errors import PlanningError
@@ -186,6 +185,8 @@ def _under_hot_end(beads: Sequence[ModelBead], printer: DesktopPrinter, scale: f
 
 def _rises(beads: Sequence[ModelBead], printer: DesktopPrinter, scale: float) -> dict[int, float]:
     """By layer, how far what is printed reaches above the nozzle into the hot end, mm: only tilted layers let it."""
+    from scipy.ndimage import maximum_filter  # noqa: PLC0415 - every process of a cell loads the planner, and none this
+
     nozzle = printer.nozzle
     low, high = (scale * ends for ends in bounds(beads))
     top = np.zeros(np.ceil((high - low)[:2] / _CELL).astype(int) + 1)

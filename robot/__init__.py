@@ -1,33 +1,8 @@
-"""The cell at run time: arm, pump, printer, journal, simulators."""
+"""The cell at run time: arm, pump, printer, journal, simulators.
 
-from .errors import (
-    ArmError,
-    CellUnreachable,
-    JournalError,
-    PortTakenError,
-    PumpError,
-    RobotError,
-    StoppedError,
-)
-from .evaluation import Evaluation, evaluate
-from .journal import Journal, read_events, read_samples
-from .printer import RunResult, run
-from .supervisor import Progress
+What is public stands in `__init__.pyi`. A name is loaded when it is first used: each of a cell's processes needs a few.
+"""
 
-__all__ = [
-    "ArmError",
-    "CellUnreachable",
-    "Evaluation",
-    "Journal",
-    "JournalError",
-    "PortTakenError",
-    "Progress",
-    "PumpError",
-    "RobotError",
-    "RunResult",
-    "StoppedError",
-    "evaluate",
-    "read_events",
-    "read_samples",
-    "run",
-]
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -120,11 +120,11 @@ class Recipe:
     def pack(self, values: Sequence[Value]) -> bytes:
         """The values of all variables, in their order, as a payload without the recipe's number."""
         flat: list[float] = []
-        for value in values:
-            if isinstance(value, tuple | list):
-                flat.extend(value)
+        for value, (_, _, count) in zip(values, self._fields, strict=True):
+            if count:
+                flat.extend(value)  # type: ignore[arg-type]
             else:
-                flat.append(value)
+                flat.append(value)  # type: ignore[arg-type]
         return self._struct.pack(*flat)
 
     def unpack(self, payload: bytes) -> dict[str, Value]:
@@ -227,7 +227,9 @@ _OUTPUTS |= {f"output_double_register_{i}": "DOUBLE" for i in range(48)}
 _OUTPUTS |= {f"output_bit_register_{i}": "BOOL" for i in range(64, 128)}
 
 INPUTS: Mapping[str, str] = MappingProxyType(_INPUTS)
-"""Type of each variable that a client may write."""
+"""Type of each variable that a client may write, as of PolyScope 5.23."""
 
-OUTPUTS: Mapping[str, str] = MappingProxyType(_OUTPUTS | _INPUTS)
-"""Type of each variable that a client may be sent; inputs can be read back."""
+OUTPUTS: Mapping[str, str] = MappingProxyType(
+    _OUTPUTS | {name: kind for name, kind in _INPUTS.items() if name.startswith("input_")}
+)
+"""Type of each variable that a client may be sent, as of PolyScope 5.23; input registers can be read back."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from planning import PrintedSample
 
-from .pump import PumpReading
+from .pump_link import PumpReading
 from .robot_state import RobotState
 
 PERIOD = 0.01

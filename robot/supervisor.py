@@ -24,8 +24,9 @@ from .chunks import Chunk
 from .errors import ArmError, JournalError, PumpError, RobotError, StoppedError
 from .journal import Journal
 from .place import Tracker
-from .pump import Pump, PumpReading
+from .pump import Pump
 from .pump_law import Calibration, PumpLaw, Schedule, plan_time, schedule
+from .pump_link import PumpReading
 from .robot_state import RobotListener, RobotState
 from .sampling import Sampler
 from .watch import Guard, unsafe

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import signal
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -81,23 +79,6 @@ def print_job(
     }
     write_summary(job.report, values)
     return values
-
-
-def simulate_cell(cell: str, host: str | None, time_scale: float, console: Console) -> None:
-    """Keep a simulated cell running until Ctrl-C."""
-    with SimulatedCell.start(cell, time_scale=time_scale, host=host) as simulated:
-        console.print(
-            f"simulated cell at {simulated.host}: robot on 30004 (RTDE), 29999, 30001 to 30003; "
-            f"pump on {simulated.pump_port}; time scale {time_scale:g}; Ctrl-C ends it",
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
-        )
-        ended = threading.Event()
-        signal.signal(signal.SIGTERM, lambda *_: ended.set())
-        with contextlib.suppress(KeyboardInterrupt):
-            while not ended.wait(0.5):
-                simulated.check()
 
 
 @contextlib.contextmanager

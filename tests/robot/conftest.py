@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from urrtde.tour import VARIANTS, Tours
 
 from planning import Program, Segment, SegmentKind, arm, load_cell
 
@@ -127,3 +128,27 @@ def two_layers(demo_cell):
         corners = square(origin + np.array([x, 0.0, 10.0 * (layer + 1)]), 60.0)
         made.print_curve(corners, 80.0, (12.0, 10.0), layer, curve)
     return made.program()
+
+
+@pytest.fixture(scope="session")
+def tours(request):
+    """Tours of ur-rtde's clients, started together for all tests that were chosen."""
+    chosen = [getattr(item, "callspec", None) for item in request.session.items]
+    running = Tours({spec.params["tour"] for spec in chosen if spec is not None and "tour" in spec.params})
+    yield running
+    running.close()
+
+
+# Each version and each range of registers is toured; the other two pairs of them are soaked.
+TOURED = [
+    variant
+    if (variant.version == "5.12") == (variant.registers == "lower")
+    else pytest.param(variant, marks=pytest.mark.soak)
+    for variant in VARIANTS
+]
+
+
+@pytest.fixture(scope="session", params=TOURED, ids="-".join)
+def tour(request, tours):
+    """What ur-rtde's clients found at one version of the controller, in one range of registers."""
+    return tours[request.param]

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import socket
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from rtde_receive import RTDEReceiveInterface
 
 from planning import ConfigurationError
 from robot.errors import CellUnreachable, PortTakenError, RobotError
 from robot.simulation import Fault, SimulatedCell, inject
+from robot.simulation.addresses import free_address
 
 HOST = "127.0.0.23"
 
@@ -35,7 +39,7 @@ def test_both_processes_share_a_clock_and_end_with_the_cell() -> None:
             told = cell.inject(Fault.PUMP_REPORT)
             assert told["time"] == pytest.approx((told["wall"] - cell.epoch) * 10.0, abs=0.05)
             time.sleep(0.1)
-        with pytest.raises(RobotError, match="'speed slider' refused: KeyError"):
+        with pytest.raises(RobotError, match="'speed slider' refused: takes `fraction`, 0 to 1"):
             cell.inject(Fault.SPEED_SLIDER)
     assert not any(alive(pid) for pid in ids.values())
     with pytest.raises(CellUnreachable, match=r"port 30099 does not answer 'protective stop'"):
@@ -91,6 +95,35 @@ def test_the_simulators_die_with_a_killed_parent() -> None:
         time.sleep(0.02)
 
 
-def test_a_time_scale_of_nothing_is_refused() -> None:
-    with pytest.raises(CellUnreachable, match="must be above 0, not 0"):
-        SimulatedCell.start("ur10e-demo", host=HOST, time_scale=0.0)
+@pytest.mark.parametrize(
+    ("option", "value", "says"),
+    [
+        ("time_scale", 0.0, "`time_scale` must be 0.001 to 1000, not 0"),
+        ("start_delay", 0.6, "`start_delay` must be 0 to 0.5, not 0.6"),
+        ("trip", float("nan"), "`trip` must be 0 to 3600, not nan"),
+        ("hopper", -1.0, "`hopper` must be 0 to inf, not -1"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_anything_starts(option: str, value: float, says: str) -> None:
+    with pytest.raises(RobotError) as caught:
+        SimulatedCell.start("ur10e-demo", host=HOST, **{option: value})
+    assert str(caught.value) == says
+
+
+def test_a_wrong_version_is_told() -> None:
+    with pytest.raises(CellUnreachable, match="--version five: a PolyScope version looks like"):
+        SimulatedCell.start("ur10e-demo", host=HOST, version="five")
+
+
+def test_four_cells_at_once_each_at_its_own_address() -> None:
+    with contextlib.ExitStack() as stack, ThreadPoolExecutor(4) as starting:
+        hosts = [stack.enter_context(free_address(5020)) for _ in range(4)]
+        cells = list(starting.map(lambda host: SimulatedCell.start("ur10e-demo", host=host), hosts))
+        for cell in cells:
+            stack.callback(cell.stop)
+        receivers = [RTDEReceiveInterface(host, 125.0) for host in hosts]
+        cells[2].inject(Fault.DIGITAL_INPUT, number=2)
+        time.sleep(0.2)
+        assert [receiver.getActualDigitalInputBits() for receiver in receivers] == [0, 0, 4, 0]
+        for receiver in receivers:
+            receiver.disconnect()

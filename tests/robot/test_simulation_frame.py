@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from eaik.IK_DH import DhRobot
 from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -11,7 +12,17 @@ from scipy.spatial.transform import Rotation
 from planning import ARMS, arm
 from planning.pose import pose_from_vector, rotation_from_vector, vector_from_pose
 from robot.simulation.motions.arm_frame import flange_frame, joint_solutions
-from robot.simulation.motions.frame import compose, frame_of, pose_numbers, speed_between, turn, turned
+from robot.simulation.motions.frame import (
+    compose,
+    frame_at,
+    frame_of,
+    inverse,
+    pose_numbers,
+    rotation_between,
+    speed_between,
+    turn,
+    turned,
+)
 from robot.simulation.motions.posture import nearest_joints
 
 joint_angles = st.lists(st.floats(-6.2, 6.2), min_size=6, max_size=6)
@@ -27,6 +38,46 @@ def matrix(frame) -> np.ndarray:
 def test_the_flange_is_where_the_arm_s_kinematics_say(name, joints) -> None:
     expected = arm(name).forward(np.array([joints]))[0]
     assert matrix(flange_frame(arm(name), joints)) == pytest.approx(expected, abs=1e-9)
+
+
+def independent(model) -> DhRobot:
+    """The same arm in another library, by the manufacturer's table."""
+    quarter = np.pi / 2.0
+    return DhRobot(
+        np.array([quarter, 0.0, 0.0, quarter, -quarter, 0.0]),
+        np.array([0.0, model.a2, model.a3, 0.0, 0.0, 0.0]),
+        np.array([model.d1, 0.0, 0.0, model.d4, model.d5, model.d6]),
+    )
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_flange_is_where_an_independent_library_says(name) -> None:
+    model = arm(name)
+    other = independent(model)
+    for joints in np.random.default_rng(5).uniform(-2.0 * np.pi, 2.0 * np.pi, (300, 6)):
+        found = matrix(flange_frame(model, joints.tolist()))
+        assert np.abs(found - other.fwdKin(joints)).max() < 1e-9 * max(1.0, np.abs(found).max())
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_controller_s_choice_is_the_nearest_of_all_solutions(name) -> None:
+    model = arm(name)
+    rng = np.random.default_rng(6)
+    other = independent(model)
+    for k in range(150):
+        joints = rng.uniform(-np.pi, np.pi, 6)
+        joints[[2, 4]] *= 10.0 ** rng.uniform(-5.0, 0.0, 2)  # often near a singularity
+        near = joints + rng.normal(0.0, (0.01, 0.3, 2.0)[k % 3], 6)
+        frame = flange_frame(model, joints.tolist())
+        found = nearest_joints(model, frame, near.tolist(), [4.0 * np.pi] * 6)
+        assert found is not None
+        assert np.abs(matrix(flange_frame(model, found)) - matrix(frame)).max() < 1e-4
+        apart = np.abs(np.array(found) - near).max()
+        solutions = [np.ravel(q) for q in other.IK(matrix(frame)).Q]
+        for solution in solutions:
+            if np.abs(other.fwdKin(solution) - matrix(frame)).max() < 1e-6:
+                turned = solution + 2.0 * np.pi * np.round((near - solution) / (2.0 * np.pi))
+                assert apart <= np.abs(turned - near).max() + 1e-4
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -82,6 +133,15 @@ def test_frames_compose_turn_and_differ_as_matrices_do(a, b, seconds) -> None:
     back = pose_from_vector(np.array([pose_numbers(fa)]))[0]
     assert back == pytest.approx(A, abs=1e-9)
     assert np.linalg.norm(pose_numbers(fa)[3:]) <= np.pi + 1e-12
+    assert matrix(frame_at(a)) == pytest.approx(A, abs=1e-12)
+    assert matrix(compose(fa, inverse(fa))) == pytest.approx(np.eye(4), abs=1e-12)
+
+
+@given(poses, st.floats(0.0, 3.14), st.sampled_from([1e-12, 1e-9, 1e-6, 1e-3, 1.0]))
+def test_a_rotation_between_frames_is_the_one_that_turns_them(a, angle, scale) -> None:
+    frame, vector = frame_at(a), scale * angle * np.array([0.6, 0.0, -0.8])
+    found = rotation_between(frame, turned(frame, vector.tolist()))
+    assert found == pytest.approx(vector, rel=1e-6, abs=2e-15 if scale < 1.0 else 1e-9)
 
 
 def test_half_a_turn_has_one_sense_whatever_the_rounding() -> None:

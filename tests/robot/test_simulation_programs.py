@@ -198,3 +198,13 @@ def test_a_protective_stop_holds_a_program_until_it_is_played_on(cell, receive, 
         assert lines.readline().strip() == "Starting program"
     until(lambda: receive.getRuntimeState() == 1)
     assert receive.getActualTCPPose()[2] == pytest.approx(home[2] - 0.2, abs=1e-6)
+
+
+def test_two_threads_cannot_move_the_arm_at_once(cell, receive, home):
+    said = len(cell.complaints())
+    place = written(moved(home, z=-0.05))
+    thread = f"thread t():\n while True:\n  movel({place}, v=0.01)\n end\nend\n"
+    send(f"def program():\n{thread} run t()\n sync()\n movej({place})\nend\n")
+    until(lambda: "another thread is already controlling the robot" in cell.complaints()[said:])
+    until(lambda: receive.getRuntimeState() == 1)
+    assert "line 9, column 2" in cell.complaints()[said:]

@@ -1,36 +1,36 @@
-"""What the simulated controller tells on its primary and secondary ports: its version, its state, what programs say.
+"""What the simulated controller tells on its primary, secondary and real-time ports, ten times a second or each cycle.
 
-Every message is an int32 length, itself counted, a byte for its kind and a body; the state is made of parts of the
-same form. Numbers are big-endian, lengths in m. What is not simulated stands at rest: temperatures of a warm robot,
-voltages of a powered one.
+The primary port tells the state and what happens: what programs say, that they begin and end and what ended them, and
+how the safety system changes its mode. The secondary port tells the state alone. Both begin with the version.
 """
 
 from __future__ import annotations
 
-import asyncio
 import struct
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from robot.simulation.machine import RobotMode, RuntimeState, SafetyMode
-from robot.simulation.motions.frame import metres
-
-from .outputs import JOINT_POWER_OFF, JOINT_RUNNING
+from .realtime_stream import RealtimeStream
+from .state_message import StateMessage, framed, microseconds
 
 if TYPE_CHECKING:
     from robot.simulation.machine import Machine
 
+    from .script_client import Outlet
+
+PRIMARY, SECONDARY, REALTIME = 30001, 30002, 30003
+READ_ONLY = {30011: PRIMARY, 30012: SECONDARY, 30013: REALTIME}
+"""Ports that tell what others tell, and take no programs."""
+
 PERIOD = 0.1
 """Wall time between two states, s."""
 
-MOST_WAITING = 1 << 16
-"""Bytes that may wait for a client that does not read; a state that would be more is left out."""
-
-STATE, MESSAGE = 16, 20
-VERSION, TEXT, EXCEPTION = 3, 0, 10
-SOURCE = -2
+MESSAGE = 20
+TEXT, VERSION, SAFETY, KEY, EXCEPTION = 0, 3, 5, 7, 10
+CONTROLLER, PROGRAM_INTERPRETER = -2, -3
 DATE = b"01-01-2024, 00:00:00"
-TEMPERATURE, VOLTAGE = 30.0, 48.0
+WITHOUT_DATA = 0
 
 
 def version_message(machine: Machine) -> bytes:
@@ -51,114 +51,76 @@ def exception_message(machine: Machine, text: str, line: int, column: int) -> by
     return _message(machine, EXCEPTION, struct.pack(">ii", line, column) + text.encode("utf-8", "replace"))
 
 
-def state_message(machine: Machine) -> bytes:
-    """The controller's state."""
-    parts = _mode(machine) + _joints(machine) + _tool(machine) + _board(machine) + _place(machine)
-    return _framed(STATE, parts + _force(machine) + _framed(8, struct.pack(">B??B", 0, False, False, 0)))
+def safety_message(machine: Machine) -> bytes:
+    """The mode that the safety system is in from now on."""
+    return _message(machine, SAFETY, struct.pack(">iiBII", 0, 0, machine.safety, WITHOUT_DATA, 0))
 
 
-def _framed(kind: int, body: bytes) -> bytes:
-    return struct.pack(">iB", 5 + len(body), kind) + body
+def key_message(machine: Machine, title: str, text: str) -> bytes:
+    """That a program has begun, `PROGRAM_XXX_STARTED`, or has ended, `PROGRAM_XXX_STOPPED`; the text is its name."""
+    head = title.encode("ascii")
+    body = struct.pack(">iiB", 0, 0, len(head)) + head + text.encode("utf-8", "replace")
+    return _message(machine, KEY, body, PROGRAM_INTERPRETER)
 
 
-def _message(machine: Machine, kind: int, body: bytes) -> bytes:
-    return _framed(MESSAGE, struct.pack(">Qbb", _microseconds(machine), SOURCE, kind) + body)
+def _message(machine: Machine, kind: int, body: bytes, source: int = CONTROLLER) -> bytes:
+    return framed(MESSAGE, struct.pack(">Qbb", microseconds(machine), source, kind) + body)
 
 
-def _microseconds(machine: Machine) -> int:
-    return max(int(machine.time * 1e6), 0)
+class Streams:
+    """Everybody who listens to the controller's ports.
 
-
-def _mode(machine: Machine) -> bytes:
-    body = struct.pack(
-        ">Q???????BBddd",
-        _microseconds(machine),
-        True,  # a robot is there,
-        True,  # and may be used
-        machine.mode is not RobotMode.POWER_OFF,
-        machine.safety is SafetyMode.ROBOT_EMERGENCY_STOP,
-        machine.safety is SafetyMode.PROTECTIVE_STOP,
-        machine.runtime is RuntimeState.PLAYING,
-        machine.runtime in (RuntimeState.PAUSING, RuntimeState.PAUSED),
-        machine.mode,
-        0,  # position control
-        machine.slider,
-        machine.throttle if machine.runtime is RuntimeState.PLAYING else 0.0,
-        1.0,
-    )
-    return _framed(0, body + (b"\0" if machine.version[0] >= 5 else b""))
-
-
-def _joints(machine: Machine) -> bytes:
-    mode = JOINT_POWER_OFF if machine.mode is RobotMode.POWER_OFF else JOINT_RUNNING
-    state = machine.state
-    return _framed(
-        1,
-        b"".join(
-            struct.pack(">dddffffB", q, q, speed, 0.0, VOLTAGE, TEMPERATURE, 0.0, mode)
-            for q, speed in zip(state.joints, state.joint_speeds, strict=True)
-        ),
-    )
-
-
-def _tool(machine: Machine) -> bytes:
-    mode = JOINT_POWER_OFF if machine.mode is RobotMode.POWER_OFF else JOINT_RUNNING
-    return _framed(2, struct.pack(">BBddfBffB", 0, 0, 0.0, 0.0, 24.0, 0, 0.0, TEMPERATURE, mode))
-
-
-def _board(machine: Machine) -> bytes:
-    one, two = machine.analog_outputs
-    kinds = machine.analog_output_types
-    return _framed(
-        3,
-        struct.pack(
-            ">iiBBddBBddffffBBBIBB",
-            *(0, machine.digital_outputs),
-            *(0, 0, 0.0, 0.0),
-            *(kinds & 1, kinds >> 1 & 1, one, two),
-            *(TEMPERATURE, VOLTAGE, 0.5, 0.1),
-            *(machine.safety, 0, 0),
-            *(0, 0, 0),
-        )
-        + (b"\0" if machine.version[0] >= 5 else b""),
-    )
-
-
-def _place(machine: Machine) -> bytes:
-    return _framed(4, struct.pack(">12d", *metres(machine.state.pose), *metres(machine.tool_offset)))
-
-
-def _force(machine: Machine) -> bytes:
-    return _framed(7, struct.pack(">7d", *machine.external_wrench, 0.0))
-
-
-class StateStream:
-    """Sends the state to the clients of a port, and what else is said meanwhile."""
+    Attributes:
+        realtime: the clients of the real-time port.
+    """
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
-        self._writers: set[asyncio.StreamWriter] = set()
+        self._state = StateMessage(machine)
+        self._listeners: dict[int, list[Outlet]] = {PRIMARY: [], SECONDARY: []}
+        self.realtime = RealtimeStream(machine)
+        self._due = 0.0
+        self._safety = machine.safety
+        machine.on_program = self._tell_program
 
-    async def feed(self, writer: asyncio.StreamWriter) -> None:
-        """Tell one client until it leaves."""
-        self._writers.add(writer)
-        try:
-            self._send(writer, version_message(self._machine))
-            while not writer.is_closing():
-                self._send(writer, state_message(self._machine))
-                await asyncio.sleep(PERIOD)
-        finally:
-            self._writers.discard(writer)
+    def listen(self, port: int, outlet: Outlet) -> None:
+        """Tell a client what its port tells, until it leaves."""
+        port = READ_ONLY.get(port, port)
+        if port == REALTIME:
+            self.realtime.add(outlet)
+        else:
+            outlet.send(version_message(self._machine))
+            outlet.send(self._state.packed())
+            self._listeners[port].append(outlet)
 
     def say(self, made: Callable[[Machine], bytes]) -> None:
-        """Send a message to all clients."""
-        if self._writers:
+        """Send a message to all clients of the primary port."""
+        if self._listeners[PRIMARY]:
             message = made(self._machine)
-            for writer in list(self._writers):
-                self._send(writer, message)
+            for outlet in self._listeners[PRIMARY]:
+                outlet.send(message)
 
-    @staticmethod
-    def _send(writer: asyncio.StreamWriter, message: bytes) -> None:
-        transport = writer.transport
-        if not transport.is_closing() and transport.get_write_buffer_size() < MOST_WAITING:
-            writer.write(message)
+    def publish(self) -> None:
+        """Tell what this cycle has brought."""
+        machine = self._machine
+        if machine.safety is not self._safety:
+            self._safety = machine.safety
+            self.say(safety_message)
+        self.realtime.publish()
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + PERIOD
+            self._tell_state()
+
+    def _tell_state(self) -> None:
+        for port, listeners in self._listeners.items():
+            self._listeners[port] = [outlet for outlet in listeners if not outlet.closed]
+        everybody = [outlet for listeners in self._listeners.values() for outlet in listeners]
+        if everybody:
+            message = self._state.packed()
+            for outlet in everybody:
+                outlet.send(message)
+
+    def _tell_program(self, name: str, began: bool) -> None:
+        title = "PROGRAM_XXX_STARTED" if began else "PROGRAM_XXX_STOPPED"
+        self.say(lambda machine: key_message(machine, title, name))

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Numbers = tuple[float, ...]
 
+UNTURNED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+"""The base's own frame."""
+
 
 def frame_of(pose: npt.NDArray[np.float64]) -> Numbers:
     """A pose matrix, shape (4, 4), as a frame."""
@@ -25,13 +28,20 @@ def frame_of(pose: npt.NDArray[np.float64]) -> Numbers:
 
 def compose(a: Numbers, b: Numbers) -> Numbers:
     """Frame b, given in frame a, in what frame a is given in."""
-    ax, ay, az, ao = a[0:3], a[3:6], a[6:9], a[9:12]
-    columns = []
-    for j in (0, 3, 6):
-        u, v, w = b[j : j + 3]
-        columns += [ax[i] * u + ay[i] * v + az[i] * w for i in (0, 1, 2)]
-    u, v, w = b[9:12]
-    return (*columns, *(ax[i] * u + ay[i] * v + az[i] * w + ao[i] for i in (0, 1, 2)))
+    xx, xy, xz, yx, yy, yz, zx, zy, zz, ox, oy, oz = a
+    p, q, r, s, t, u, v, w, k, x, y, z = b
+    return (
+        *(xx * p + yx * q + zx * r, xy * p + yy * q + zy * r, xz * p + yz * q + zz * r),
+        *(xx * s + yx * t + zx * u, xy * s + yy * t + zy * u, xz * s + yz * t + zz * u),
+        *(xx * v + yx * w + zx * k, xy * v + yy * w + zy * k, xz * v + yz * w + zz * k),
+        *(xx * x + yx * y + zx * z + ox, xy * x + yy * y + zy * z + oy, xz * x + yz * y + zz * z + oz),
+    )
+
+
+def frame_at(pose: Sequence[float]) -> Numbers:
+    """The frame at a pose: mm and a rotation vector in rad."""
+    x, y, z, *rotation = pose
+    return (*turned(UNTURNED, rotation)[:9], x, y, z)
 
 
 def pose_numbers(frame: Numbers) -> Numbers:
@@ -48,6 +58,25 @@ def inverse(frame: Numbers) -> Numbers:
 
 def rotation_between(a: Numbers, b: Numbers) -> Numbers:
     """The rotation vector, rad, that turns a frame's axes into another's, in the axes that both are given in."""
+    if a[:9] == b[:9]:
+        return (0.0, 0.0, 0.0)
+    # The sum of the cross products of like axes is twice the sine of the angle along the rotation's axis.
+    ax, ay, az, bx, by, bz, cx, cy, cz = a[:9]
+    px, py, pz, qx, qy, qz, rx, ry, rz = b[:9]
+    x = ay * pz - az * py + by * qz - bz * qy + cy * rz - cz * ry
+    y = az * px - ax * pz + bz * qx - bx * qz + cz * rx - cx * rz
+    z = ax * py - ay * px + bx * qy - by * qx + cx * ry - cy * rx
+    cosine = ax * px + ay * py + az * pz + bx * qx + by * qy + bz * qz + cx * rx + cy * ry + cz * rz - 1.0
+    if cosine <= 0.0:  # the sine is a poor measure of large angles
+        return _large_rotation(a, b)
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine < 1e-15:
+        return (0.0, 0.0, 0.0)
+    factor = math.atan2(sine, cosine) / sine
+    return (x * factor, y * factor, z * factor)
+
+
+def _large_rotation(a: Numbers, b: Numbers) -> Numbers:
     (ax, ay, az, aw), (bx, by, bz, bw) = _quaternion(a), _quaternion(b)
     return turn(
         (
@@ -70,18 +99,20 @@ def turned(frame: Numbers, vector: Sequence[float]) -> Numbers:
     angle = math.hypot(*vector)
     if angle == 0.0:
         return frame
-    kx, ky, kz = (v / angle for v in vector)
+    kx, ky, kz = vector
+    kx, ky, kz = kx / angle, ky / angle, kz / angle
     c, s = math.cos(angle), math.sin(angle)
-    columns: list[float] = []
-    for j in (0, 3, 6):
-        x, y, z = frame[j : j + 3]
-        along = (kx * x + ky * y + kz * z) * (1.0 - c)
-        columns += (
-            x * c + (ky * z - kz * y) * s + kx * along,
-            y * c + (kz * x - kx * z) * s + ky * along,
-            z * c + (kx * y - ky * x) * s + kz * along,
-        )
-    return (*columns, *frame[9:12])
+    r = 1.0 - c
+    xx, yy, zz = r * kx * kx + c, r * ky * ky + c, r * kz * kz + c
+    xy, xz, yz = r * kx * ky, r * kx * kz, r * ky * kz
+    kx, ky, kz = kx * s, ky * s, kz * s
+    return (
+        compose(
+            (xx, xy + kz, xz - ky, xy - kz, yy, yz + kx, xz + ky, yz - kx, zz, 0.0, 0.0, 0.0),
+            (*frame[:9], 0.0, 0.0, 0.0),
+        )[:9]
+        + frame[9:]
+    )
 
 
 def turn(quaternion: Sequence[float]) -> Numbers:

@@ -5,26 +5,29 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from planning import Arm, ReachError
 
 from .arm_frame import flange_frame
-from .frame import Numbers, compose, frame_of, pose_numbers, speed_between, turned
+from .frame import Numbers, compose, frame_of, inverse, pose_numbers, speed_between, turned
 from .motion import STILL, ArmState
 from .posture import nearest_joints
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
     import numpy.typing as npt
 
     Array = npt.NDArray[np.float64]
+
+SHORTEST_LAG = 0.002
+"""Of a servo, s: what a controller takes to act at all."""
 
 
 class _Steered:
     """What steered motions share: they go on until braked, and keep the tool's frame."""
 
     finished = False
-    mark = -1
     throttle_rate = 5.0
 
     def __init__(self, arm: Arm, tool: Array, state: ArmState) -> None:
@@ -37,29 +40,34 @@ class _Steered:
     def _tool_at(self, joints: Numbers) -> Numbers:
         return compose(flange_frame(self.arm, joints), self._tool)
 
-    def _move_joints(self, joints: Array, joint_speeds: Array, seconds: float) -> None:
-        numbers = tuple(joints.tolist())
-        before, self._frame = self._frame, self._tool_at(numbers)
+    def _move_joints(self, joints: Numbers, joint_speeds: Numbers, seconds: float) -> None:
+        before, self._frame = self._frame, self._tool_at(joints)
         self.state = ArmState(
-            joints=numbers,
-            joint_speeds=tuple(joint_speeds.tolist()),
+            joints=joints,
+            joint_speeds=joint_speeds,
             pose=pose_numbers(self._frame),
             tool_speed=speed_between(before, self._frame, seconds),
         )
 
 
 class ServoMotion(_Steered):
-    """Runs after a target of the joints, as `servoj` does: the gap closes exponentially."""
+    """Runs after a target of the joints, as `servoj` does.
+
+    Each joint is drawn towards its target like a critically damped mass on a spring: its speed never jumps, it does
+    not overshoot a target that stands, and it stays behind one that moves evenly by the lag, s. Between two targets
+    this is solved in closed form.
+    """
 
     def __init__(self, arm: Arm, tool: Array, state: ArmState) -> None:
         super().__init__(arm, tool, state)
-        self.target = np.array(state.joints)
-        self.time_constant = 0.1
+        self.target: Numbers = state.joints
+        self.lag = 0.1
+        self._speeds: Numbers = state.joint_speeds  # by path time
         self._braking = 0.0
 
-    def aim(self, joints: Array, time_constant: float) -> None:
-        """Take a new target, shape (6,), rad, to be approached with a time constant in s."""
-        self.target, self.time_constant = joints, max(time_constant, 1e-3)
+    def aim(self, joints: Sequence[float], lag: float) -> None:
+        """Take a new target, rad, to be followed with a lag in s."""
+        self.target, self.lag = tuple(joints), max(lag, SHORTEST_LAG)
         self._braking = 0.0
 
     def advance(self, seconds: float, path_seconds: float, share: float) -> None:
@@ -67,18 +75,31 @@ class ServoMotion(_Steered):
         del share
         if seconds <= 0.0:
             return
-        joints, speeds = np.array(self.state.joints), np.array(self.state.joint_speeds)
         if self._braking:
-            fastest = float(np.abs(speeds).max())
-            kept = max(0.0, 1.0 - self._braking * seconds / fastest) if fastest > 1e-9 else 0.0
-            until = min(seconds, fastest / self._braking)
-            moved = speeds * (0.5 * (1.0 + kept) * until)
-            speeds = speeds * kept
-        else:
-            moved = (self.target - joints) * -math.expm1(-path_seconds / self.time_constant)
-            speeds = moved / seconds
-        self._move_joints(joints + moved, speeds, seconds)
-        self.resting = float(np.abs(speeds).max()) < 1e-7
+            self._slow_down(seconds)
+            return
+        rate = 2.0 / self.lag
+        kept = math.exp(-rate * path_seconds)
+        joints, speeds = [], []
+        for at, speed, target in zip(self.state.joints, self._speeds, self.target, strict=True):
+            gap = at - target
+            pull = speed + rate * gap
+            joints.append(target + (gap + pull * path_seconds) * kept)
+            speeds.append((speed - rate * pull * path_seconds) * kept)
+        self._speeds = tuple(speeds)
+        scale = path_seconds / seconds
+        self._move_joints(tuple(joints), tuple([speed * scale for speed in speeds]), seconds)
+        self.resting = max(map(abs, speeds)) < 1e-7
+
+    def _slow_down(self, seconds: float) -> None:
+        speeds = self.state.joint_speeds
+        fastest = max(map(abs, speeds))
+        kept = max(0.0, 1.0 - self._braking * seconds / fastest) if fastest > 1e-9 else 0.0
+        until = 0.5 * (1.0 + kept) * min(seconds, fastest / self._braking)
+        joints = tuple([q + v * until for q, v in zip(self.state.joints, speeds, strict=True)])
+        self._speeds = tuple([v * kept for v in speeds])
+        self._move_joints(joints, self._speeds, seconds)
+        self.resting = fastest * kept < 1e-7
 
     def brake(self, tool: float = math.inf, joint: float = math.inf) -> None:
         """See `Motion`; without a joint deceleration of its own, it takes as long as the tool does."""
@@ -88,7 +109,7 @@ class ServoMotion(_Steered):
 
     def resume(self) -> None:
         """See `Motion`; it stays where it came to rest until it is given a new target."""
-        self.target = np.array(self.state.joints)
+        self.target = self.state.joints
         self._braking = 0.0
 
 
@@ -98,15 +119,23 @@ class SpeedMotion(_Steered):
     def __init__(self, arm: Arm, tool: Array, state: ArmState, limit: Array, *, of_tool: bool) -> None:
         super().__init__(arm, tool, state)
         self.of_tool = of_tool
-        self.target = np.zeros(6)
+        self.target: Numbers = STILL
         self.acceleration = 1.0
+        self.turning = 0.001
         self._limit = limit.tolist()
-        self._untool = frame_of(np.asarray(np.linalg.inv(tool), dtype=np.float64))
-        self._speed = np.array(state.tool_speed if of_tool else state.joint_speeds)
+        self._untool = inverse(self._tool)
+        self._speed: Numbers = state.tool_speed if of_tool else state.joint_speeds
 
-    def aim(self, speed: Array, acceleration: float) -> None:
-        """Take a new speed, shape (6,): mm/s and rad/s of the tool or rad/s of the joints; mm/s² or rad/s²."""
-        self.target, self.acceleration = speed, max(acceleration, 1e-3)
+    def aim(self, speed: Sequence[float], acceleration: float, turning: float = 0.0) -> None:
+        """Take a new speed.
+
+        Args:
+            speed: mm/s and rad/s of the tool, or rad/s of the joints.
+            acceleration: mm/s² of the tool, or rad/s² of the joint whose speed changes most.
+            turning: of the tool, rad/s²; 0 for the same number of rad/s² as `acceleration` has of m/s².
+        """
+        self.target, self.acceleration = tuple(speed), max(acceleration, 1e-3)
+        self.turning = turning if turning > 0.0 else self.acceleration / 1000.0
 
     def advance(self, seconds: float, path_seconds: float, share: float) -> None:
         """See `Motion`.
@@ -116,53 +145,59 @@ class SpeedMotion(_Steered):
         """
         if seconds <= 0.0:
             return
-        gap = self.target - self._speed
-        needed = self._time_to_close(gap)
-        ramp = min(path_seconds, needed)
-        reached = self._speed + gap * (ramp / needed if needed > 0.0 else 1.0)
-        moved = 0.5 * (self._speed + reached) * ramp + reached * (path_seconds - ramp)
+        old = self._speed
+        gap = [b - a for a, b in zip(old, self.target, strict=True)]
+        if any(gap):
+            needed = self._time_to_close(gap)
+            ramp = min(path_seconds, needed)
+            part = ramp / needed if needed > path_seconds else 1.0
+            reached = tuple([a + part * g for a, g in zip(old, gap, strict=True)])
+            even = path_seconds - ramp
+            moved = [0.5 * (a + b) * ramp + b * even for a, b in zip(old, reached, strict=True)]
+        else:
+            reached = old
+            moved = [path_seconds * a for a in old]
         self._speed = reached
-        self.resting = not moved.any()
+        self.resting = not any(moved)
         if not self.of_tool:
-            self._move_joints(np.array(self.state.joints) + moved, moved / seconds, seconds)
+            joints = tuple([q + m for q, m in zip(self.state.joints, moved, strict=True)])
+            self._move_joints(joints, tuple([m / seconds for m in moved]), seconds)
         elif self.resting:
             self.state = ArmState(self.state.joints, STILL, self.state.pose, STILL)
         else:
-            self._move_tool(moved, reached * share, seconds)
+            self._move_tool(moved, tuple([share * v for v in reached]), seconds)
 
-    def _move_tool(self, moved: Array, speed: Array, seconds: float) -> None:
-        x, y, z, *rotation = moved.tolist()
+    def _move_tool(self, moved: Sequence[float], speed: Numbers, seconds: float) -> None:
+        x, y, z, *rotation = moved
         frame = turned(self._frame, rotation)
         self._frame = frame = (*frame[:9], frame[9] + x, frame[10] + y, frame[11] + z)
         joints = self.state.joints
         found = nearest_joints(self.arm, compose(frame, self._untool), joints, self._limit)
         if found is None:
-            raise ReachError(f"no inverse kinematics at tool position {np.round(frame[9:], 1)} mm")
+            raise ReachError(f"no inverse kinematics at tool position {[round(x, 1) for x in frame[9:]]} mm")
         self.state = ArmState(
             joints=found,
             joint_speeds=tuple([(b - a) / seconds for a, b in zip(joints, found, strict=True)]),
             pose=pose_numbers(frame),
-            tool_speed=tuple(speed.tolist()),
+            tool_speed=speed,
         )
 
     @property
     def reached(self) -> bool:
         """Whether the speed is the one that was asked for."""
-        return bool(np.abs(self.target - self._speed).max() < 1e-9)
+        return max([abs(b - a) for a, b in zip(self._speed, self.target, strict=True)]) < 1e-9
 
     def brake(self, tool: float = math.inf, joint: float = math.inf) -> None:
         """See `Motion`; one rad/s² of the joints counts as 1000 mm/s² of the tool."""
-        self.aim(np.zeros(6), min(tool, joint * 1000.0) if self.of_tool else min(joint, tool / 1000.0))
+        self.aim(STILL, min(tool, joint * 1000.0) if self.of_tool else min(joint, tool / 1000.0))
 
     def resume(self) -> None:
         """See `Motion`; it stays at rest until it is given a new speed."""
 
-    def _time_to_close(self, gap: Array) -> float:
+    def _time_to_close(self, gap: Sequence[float]) -> float:
         if not self.of_tool:
-            return float(np.abs(gap).max()) / self.acceleration
-        # URScript gives one number for m/s² and rad/s².
-        along, around = float(np.linalg.norm(gap[:3])), float(np.linalg.norm(gap[3:])) * 1000.0
-        return max(along, around) / self.acceleration
+            return max(map(abs, gap)) / self.acceleration
+        return max(math.hypot(*gap[:3]) / self.acceleration, math.hypot(*gap[3:]) / self.turning)
 
 
 def standing(arm: Arm, tool: Array, joints: Numbers) -> ArmState:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from planning.pose import pose_from_vector, vector_from_pose
-from robot.simulation.machine import SafetyMode
 from robot.simulation.motions.frame import metres, millimetres
+from robot.simulation.power import SafetyMode
 from robot.simulation.urscript import MATHEMATICS, Library, Refusal, builtin
 from robot.simulation.urscript.values import Pose, Value, integer, number, numbers, truth, written
+from robot.simulation.versions import cycle_time
 
-from .motion_functions import STEP, motion_functions
+from .contact import contact_functions
+from .interpreter import Interpreter
+from .modbus_signals import modbus_functions
+from .motion_functions import motion_functions
+from .moves import HALF_A_CYCLE
+from .optimised_moves import optimised_moves
+from .popups import message_functions
+from .sockets import Sockets, socket_functions
+from .system_functions import system_functions
 
 if TYPE_CHECKING:
     from robot.simulation.machine import Machine
@@ -26,24 +34,38 @@ REGISTERS = 48
 BITS = 128
 
 
-def library(machine: Machine, moves: ScriptMoves, log: Callable[[str], None]) -> Library:
+def library(
+    machine: Machine,
+    moves: ScriptMoves,
+    log: Callable[[str], None],
+    sockets: Sockets | None = None,
+    interpreter: Interpreter | None = None,
+) -> Library:
     """What a program on a machine can call.
 
     Args:
         machine: whose state the functions read and change.
         moves: its motions.
         log: is told what a program says.
+        sockets: its connections; new ones if None.
+        interpreter: its interpreter mode; a new one if None.
     """
     found = (
         *MATHEMATICS,
         *_time(machine),
-        *_messages(log),
+        *message_functions(machine, log),
         *_registers(machine),
         *_outputs(machine),
         *_state(machine),
         *_kinematics(machine, moves),
         *_settings(machine),
-        *motion_functions(moves),
+        *contact_functions(machine),
+        *modbus_functions(machine),
+        *system_functions(machine),
+        *motion_functions(moves, cycle_time(machine.version)),
+        *optimised_moves(machine, moves),
+        *socket_functions(sockets if sockets is not None else Sockets(machine, log)),
+        *(interpreter if interpreter is not None else Interpreter(machine)).functions(),
     )
     return {one.name: one for one in found}
 
@@ -55,30 +77,12 @@ def _time(machine: Machine) -> Iterator[Builtin]:
     def sleep(t: Value) -> Iterator[None]:
         until = machine.time + number(t, "t")
         yield
-        while machine.time < until - 1e-9:
+        while machine.time < until - HALF_A_CYCLE:
             yield
 
     yield builtin("sync()", sync)
     yield builtin("sleep(t)", sleep)
-    yield builtin("get_steptime()", lambda: STEP)
-
-
-def _messages(log: Callable[[str], None]) -> Iterator[Builtin]:
-    def text(value: Value) -> str:
-        return value if isinstance(value, str) else written(value)
-
-    def popup(s: Value, title: Value, warning: Value, error: Value, blocking: Value) -> None:
-        if truth(blocking):
-            raise Refusal("a popup that waits for a hand at the pendant is not simulated")
-        level = "error" if truth(error) else "warning" if truth(warning) else "message"
-        log(f"popup, {level}: {text(title)}: {text(s)}")
-
-    yield builtin("textmsg(s1, s2)", lambda s1, s2: log(text(s1) + text(s2)), {"s2": ""})
-    yield builtin(
-        "popup(s, title, warning, error, blocking)",
-        popup,
-        {"title": "Popup", "warning": False, "error": False, "blocking": False},
-    )
+    yield builtin("get_steptime()", lambda: cycle_time(machine.version))
 
 
 def _registers(machine: Machine) -> Iterator[Builtin]:
@@ -139,13 +143,8 @@ def _outputs(machine: Machine) -> Iterator[Builtin]:
         def read(n: Value, place: Callable[[Value], int] = place) -> bool:
             return bool(machine.digital_outputs >> place(n) & 1)
 
-        def nothing(n: Value, place: Callable[[Value], int] = place) -> bool:
-            place(n)
-            return False  # nothing is wired to the inputs
-
         yield builtin(f"set_{name}_out(n, b)", write)
         yield builtin(f"get_{name}_out(n)", read)
-        yield builtin(f"get_{name}_in(n)", nothing)
 
     def analog(n: Value, f: Value) -> None:
         share = number(f, "f")
@@ -179,12 +178,14 @@ def _state(machine: Machine) -> Iterator[Builtin]:
         yield builtin(f"{name}()", lambda: list(metres(machine.state.tool_speed)))
     yield builtin("get_actual_tool_flange_pose()", flange)
     yield builtin("get_joint_torques()", lambda: [0.0] * 6)
-    yield builtin("get_tcp_force()", lambda: list(machine.external_wrench))
-    yield builtin("force()", lambda: math.hypot(*machine.external_wrench[:3]))
-    yield builtin("is_steady()", lambda: machine.motion is None or machine.motion.resting)
+    yield builtin(
+        "is_steady()",
+        lambda: not machine.freedrive and (machine.motion is None or machine.motion.resting),
+    )
     yield builtin("get_tcp_offset()", lambda: Pose(metres(machine.tool_offset)))
     yield builtin("get_target_payload()", lambda: machine.payload)
     yield builtin("get_target_payload_cog()", lambda: list(machine.payload_cog))
+    yield builtin("get_target_payload_inertia()", lambda: list(machine.payload_inertia))
 
 
 def _kinematics(machine: Machine, moves: ScriptMoves) -> Iterator[Builtin]:
@@ -229,7 +230,7 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
             raise Refusal("the tool cannot be changed while the arm moves")
         machine.set_tool(millimetres(tuple(numbers(pose, 6, "pose"))))
 
-    def payload(m: Value, cog: Value) -> None:
+    def payload(m: Value, cog: Value, inertia: Value) -> None:
         mass = number(m, "m")
         if mass < 0.0:
             raise Refusal(f"m must be 0 or above, not {mass:g}")
@@ -237,6 +238,12 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
         if cog is not None:
             x, y, z = numbers(cog, 3, "cog")
             machine.payload_cog = (x, y, z)
+        if inertia is not None:
+            machine.payload_inertia = tuple(numbers(inertia, 6, "inertia"))
+
+    def gravity(d: Value) -> None:
+        x, y, z = numbers(d, 3, "d")
+        machine.gravity = (x, y, z)
 
     def watchdog(variable: Value, frequency: Value, action: Value) -> None:
         start, _, register = str(variable).rpartition("_")
@@ -246,9 +253,10 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
         machine.watch(int(register), 1.0 / hertz if hertz > 0.0 and action != "ignore" else 0.0)
 
     yield builtin("set_tcp(pose, *tcp_name)", set_tcp, {"tcp_name": ""})
+    defaults = {"cog": None, "inertia": None, "transition_time": 0.0}
     for name in ("set_payload", "set_target_payload"):
-        yield builtin(f"{name}(m, cog, *inertia)", payload, {"cog": None, "inertia": None})
-    yield builtin("set_gravity(d)", lambda d: numbers(d, 3, "d") and None)
+        yield builtin(f"{name}(m, cog, inertia, *transition_time)", payload, defaults)
+    yield builtin("set_gravity(d)", gravity)
     yield builtin("rtde_set_watchdog(variable_name, min_frequency, action)", watchdog, {"action": "pause"})
     yield builtin("protective_stop()", lambda: machine.protective_stop(SafetyMode.PROTECTIVE_STOP))
 

@@ -8,19 +8,29 @@ the motion behind; if nothing takes it over in the same cycle, the arm brakes.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planning.pose import pose_from_vector
 from robot.simulation.machine import FAST_STOP
-from robot.simulation.motions.frame import Numbers, frame_of, millimetres
-from robot.simulation.motions.motion import TrackMotion
+from robot.simulation.motions.arm_frame import flange_frame
+from robot.simulation.motions.frame import (
+    Numbers,
+    compose,
+    frame_at,
+    frame_of,
+    inverse,
+    metres,
+    millimetres,
+    pose_numbers,
+)
+from robot.simulation.motions.joint_motion import JointMotion, JointTarget
 from robot.simulation.motions.posture import nearest_joints
+from robot.simulation.motions.pursuit import Pursuit
 from robot.simulation.motions.streaming import ServoMotion, SpeedMotion
+from robot.simulation.motions.told_motion import ToldMotion
 from robot.simulation.motions.tool_motion import ToolMotion
 from robot.simulation.motions.tool_pieces import Target
-from robot.simulation.motions.track import joint_track
 from robot.simulation.urscript import Refusal
 from robot.simulation.urscript.values import Pose, Value, kind, number, numbers
 
@@ -30,16 +40,15 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from robot.simulation.machine import Machine
+    from robot.simulation.motions.motion import Motion
 
     Array = npt.NDArray[np.float64]
 
-Steered = TypeVar("Steered", ServoMotion, SpeedMotion)
-
-RAMP = 0.25
-"""Share of a move's time in which it speeds up, where the program gives the time."""
+HALF_A_CYCLE = 0.001
+"""By which a time is over too early, s: cycles do not come quite evenly, and one that is asked for is to be one."""
 
 GAIN = 300.0
-"""Gain of `servoj` at which the arm follows as quickly as its lookahead time says."""
+"""Gain of `servoj` at which the arm lags by its lookahead time; by less at a higher gain."""
 
 
 class ScriptMoves:
@@ -64,40 +73,49 @@ class ScriptMoves:
     # -- moves
 
     def movej(self, q: Value, a: Value, v: Value, t: Value, r: Value) -> Iterator[None]:
-        """A move of the joints; a blend radius is not rounded: the arm rests at the target."""
+        """A move of the joints."""
         machine = self._machine
-        number(r, "r")
-        acceleration, speed = positive(a, "a"), positive(v, "v")
-        end = self.joints(q)
+        acceleration, speed, blend = positive(a, "a"), positive(v, "v"), 1000.0 * radius(r)
+        seconds = duration(t)
+        motion = machine.motion
+        goes_on = isinstance(motion, JointMotion) and motion.passing
+        if not goes_on:
+            yield from self._stand(joint=acceleration)
+            motion = JointMotion(
+                machine.arm, machine.tool, machine.state, machine.fastest.tolist(), self._wake()
+            )
+        assert isinstance(motion, JointMotion)
+        end = self.joints(q, near=motion.last)
         if (np.abs(end) > machine.limit + 1e-9).any():
             joint = int((np.abs(end) - machine.limit).argmax()) + 1
             raise Refusal(f"joint {joint} is asked over its limit")
-        yield from self._stand(joint=acceleration)
-        start = np.array(machine.state.joints)
-        seconds, span = number(t, "t"), float(np.abs(end - start).max())
-        if seconds > 0.0 and span > 0.0:
-            speed, acceleration = in_time(span, seconds)
-        motion = TrackMotion(joint_track(machine.arm, machine.tool, start, end, speed, acceleration))
-        machine.motion = motion
-        yield from self._until(lambda: motion.finished)
+        motion.add(JointTarget(tuple(end.tolist()), speed, acceleration, blend, seconds))
+        yield from self._lead(motion)
 
     def movel(self, pose: Value, a: Value, v: Value, t: Value, r: Value) -> Iterator[None]:
         """A straight move of the tool."""
-        frame = self.frame(pose)
-        seconds = number(t, "t")
-        acceleration, speed = 1000.0 * positive(a, "a"), 1000.0 * positive(v, "v")
-        if seconds > 0.0:
-            way = math.dist(frame[9:], self._machine.state.pose[:3])
-            if way > 0.0:
-                speed, acceleration = in_time(way, seconds)
-        yield from self._tool(Target(frame, speed, acceleration, blend=1000.0 * radius(r)))
+        yield from self._tool(
+            Target(
+                self.frame(pose),
+                1000.0 * positive(v, "v"),
+                1000.0 * positive(a, "a"),
+                blend=1000.0 * radius(r),
+                seconds=duration(t),
+            )
+        )
 
     def movep(self, pose: Value, a: Value, v: Value, r: Value) -> Iterator[None]:
-        """A move of the tool at an even speed through its blends."""
-        target = Target(
-            self.frame(pose), 1000.0 * positive(v, "v"), 1000.0 * positive(a, "a"), blend=1000.0 * radius(r)
+        """A move of the tool at an even speed, through its blends too."""
+        acceleration = 1000.0 * positive(a, "a")
+        yield from self._tool(
+            Target(
+                self.frame(pose),
+                1000.0 * positive(v, "v"),
+                acceleration,
+                blend=1000.0 * radius(r),
+                flows=True,
+            )
         )
-        yield from self._tool(target)
 
     def movec(
         self, pose_via: Value, pose_to: Value, a: Value, v: Value, r: Value, mode: Value
@@ -117,52 +135,88 @@ class ScriptMoves:
     def _tool(self, target: Target) -> Iterator[None]:
         machine = self._machine
         motion = machine.motion
-        if isinstance(motion, ToolMotion) and motion.asking:
-            self._left_behind = False
-            motion.add(target)
-        else:
+        if not (type(motion) is ToolMotion and motion.passing):
             yield from self._stand(tool=target.acceleration)
             motion = ToolMotion(
                 machine.arm, machine.tool, machine.state, machine.limit.tolist(), self._wake()
             )
-            motion.add(target)
-            machine.motion = motion
-        told = motion
-        told.ask_with(self._wake())
-        yield from self._until(lambda: told.finished or told.asking)
+        motion.add(target)
+        yield from self._lead(motion)
+
+    def _lead(self, motion: ToldMotion) -> Iterator[None]:
+        """Let a motion go on until it has come to its end or asks for the next target."""
+        self._left_behind = False
+        self._machine.motion = motion
+        motion.ask_with(self._wake())
+        yield from self._until(lambda: motion.finished or motion.asking)
+
+    def waypoint(self) -> Pose:
+        """Where the move leads that goes on, or where the tool is."""
+        motion = self._machine.motion
+        if isinstance(motion, ToldMotion) and not motion.finished:
+            return Pose(metres(pose_numbers(motion.waypoint)))
+        return Pose(metres(self._machine.state.pose))
+
+    @property
+    def running_out(self) -> bool:
+        """Whether the arm still runs to the last target that it was told."""
+        motion = self._machine.motion
+        return isinstance(motion, ToldMotion) and not (motion.finished or motion.resting)
 
     # -- what steers
 
     def servoj(self, q: Value, t: Value, lookahead_time: Value, gain: Value) -> Iterator[None]:
         """Follow a target of the joints for a time."""
         machine = self._machine
-        aim = np.array(numbers(q, 6, "q"))
-        motion = self._steered(ServoMotion)
-        if motion is None:
+        aim = numbers(q, 6, "q")
+        lookahead = within(lookahead_time, "lookahead_time", 0.03, 0.2)
+        lag = lookahead * GAIN / within(gain, "gain", 100.0, 2000.0)
+        yield from self._arrive()
+        motion = machine.motion
+        if not isinstance(motion, ServoMotion):
             motion = ServoMotion(machine.arm, machine.tool, machine.state)
-            machine.motion = motion
-        motion.aim(aim, positive(lookahead_time, "lookahead_time") * GAIN / positive(gain, "gain"))
+        self._take(motion)
+        motion.aim(aim, lag)
         yield from self._for(number(t, "t"))
 
-    def speedl(self, xd: Value, a: Value, t: Value) -> Iterator[None]:
+    def servoc(self, pose: Value, a: Value, v: Value, r: Value) -> Iterator[None]:
+        """Lead the tool to a target that may change in every cycle."""
+        machine = self._machine
+        target = Target(
+            self.frame(pose), 1000.0 * positive(v, "v"), 1000.0 * positive(a, "a"), blend=1000.0 * radius(r)
+        )
+        yield from self._arrive()
+        motion = machine.motion
+        if not isinstance(motion, Pursuit):
+            yield from self._stand(tool=target.acceleration)
+            motion = Pursuit(machine.arm, machine.tool, machine.state, machine.limit.tolist(), lambda: None)
+        self._take(motion)
+        motion.follow(target)
+        yield from self._for(0.0)
+
+    def speedl(self, xd: Value, a: Value, t: Value, aRot: Value) -> Iterator[None]:
         """Bring the tool to a speed: for a time, or until it is reached."""
+        target = millimetres(tuple(numbers(xd, 6, "xd")))
+        acceleration, turning, seconds = positive(a, "a"), number(aRot, "aRot"), duration(t)
+        yield from self._arrive()
         motion = self._speeding(of_tool=True)
-        target = np.array(millimetres(tuple(numbers(xd, 6, "xd"))))
-        motion.aim(target, 1000.0 * positive(a, "a"))
-        yield from self._at_speed(motion, number(t, "t"))
+        motion.aim(target, 1000.0 * acceleration, turning)
+        yield from self._at_speed(motion, seconds)
 
     def speedj(self, qd: Value, a: Value, t: Value) -> Iterator[None]:
         """Bring the joints to speeds: for a time, or until they are reached."""
+        target, acceleration, seconds = numbers(qd, 6, "qd"), positive(a, "a"), duration(t)
+        yield from self._arrive()
         motion = self._speeding(of_tool=False)
-        motion.aim(np.array(numbers(qd, 6, "qd")), positive(a, "a"))
-        yield from self._at_speed(motion, number(t, "t"))
+        motion.aim(target, acceleration)
+        yield from self._at_speed(motion, seconds)
 
     def _speeding(self, *, of_tool: bool) -> SpeedMotion:
         machine = self._machine
-        motion = self._steered(SpeedMotion)
-        if motion is None or motion.of_tool != of_tool:
+        motion = machine.motion
+        if not isinstance(motion, SpeedMotion) or motion.of_tool != of_tool:
             motion = SpeedMotion(machine.arm, machine.tool, machine.state, machine.limit, of_tool=of_tool)
-            machine.motion = motion
+        self._take(motion)
         return motion
 
     def _at_speed(self, motion: SpeedMotion, seconds: float) -> Iterator[None]:
@@ -171,26 +225,41 @@ class ScriptMoves:
         else:
             yield from self._until(lambda: motion.reached)
 
-    def _steered(self, what: type[Steered]) -> Steered | None:
+    def _take(self, motion: Motion) -> None:
         self._left_behind = False
-        return self._machine.motion if isinstance(self._machine.motion, what) else None
+        self._machine.motion = motion
 
     # -- stops
 
-    def stopl(self, a: Value) -> Iterator[None]:
+    def stopl(self, a: Value, aRot: Value) -> Iterator[None]:
         """Bring the tool to rest."""
-        yield from self._stand(tool=1000.0 * positive(a, "a"))
+        yield from self._halt(tool=1000.0 * positive(a, "a"), turning=number(aRot, "aRot"))
 
     def stopj(self, a: Value) -> Iterator[None]:
         """Bring the joints to rest."""
-        yield from self._stand(joint=positive(a, "a"))
+        yield from self._halt(joint=positive(a, "a"))
+
+    def _arrive(self) -> Iterator[None]:
+        """Let the arm come to a target that it was on its way through, when what follows is no move like it."""
+        motion = self._machine.motion
+        if isinstance(motion, ToldMotion) and motion.passing:
+            self._left_behind = False
+            yield from self._until(lambda: motion.finished)
 
     def _stand(self, tool: float = math.inf, joint: float = math.inf) -> Iterator[None]:
-        """Bring whatever moves the arm to rest."""
+        """Bring whatever moves the arm to rest, at its target if it is on its way through one."""
+        yield from self._arrive()
+        yield from self._halt(tool=tool, joint=joint)
+
+    def _halt(self, tool: float = math.inf, joint: float = math.inf, turning: float = 0.0) -> Iterator[None]:
+        """Bring whatever moves the arm to rest now."""
         motion = self._machine.motion
         self._left_behind = False
         if motion is not None and not motion.finished:
-            motion.brake(tool=tool, joint=joint)
+            if isinstance(motion, SpeedMotion) and motion.of_tool and turning > 0.0:
+                motion.aim((0.0,) * 6, tool, turning)
+            else:
+                motion.brake(tool=tool, joint=joint)
             yield from self._until(lambda: motion.resting or motion.finished)
         self._machine.motion = None
 
@@ -209,7 +278,7 @@ class ScriptMoves:
         until = self._machine.time + seconds
         try:
             yield
-            while self._machine.time < until - 1e-9:
+            while self._machine.time < until - HALF_A_CYCLE:
                 yield
         except GeneratorExit:
             self._left_behind = True
@@ -220,17 +289,18 @@ class ScriptMoves:
     def frame(self, value: Value) -> Numbers:
         """The tool's frame, mm, that a pose in m or joint angles ask for."""
         if type(value) is Pose:
-            return frame_of(pose_from_vector(np.array([millimetres(tuple(value))]))[0])
+            return frame_at(millimetres(tuple(value)))
         if type(value) is not list:
             raise Refusal(f"a pose p[...] or six joint angles are needed, not {kind(value)}")
-        joints = np.array([numbers(value, 6, "joint angles")])
-        return frame_of((self._machine.arm.forward(joints) @ self._machine.tool)[0])
+        machine = self._machine
+        joints = numbers(value, 6, "joint angles")
+        return compose(flange_frame(machine.arm, joints), frame_of(machine.tool))
 
-    def joints(self, value: Value) -> Array:
-        """Joint angles, shape (6,), rad, that a pose or joint angles ask for: the posture nearest to the arm's own."""
+    def joints(self, value: Value, near: Numbers) -> Array:
+        """Joint angles, shape (6,), rad, that a pose or joint angles ask for: the posture nearest to others."""
         if type(value) is not Pose:
             return np.array(numbers(value, 6, "joint angles"))
-        found = self.nearest(value, self._machine.state.joints, self._machine.tool)
+        found = self.nearest(value, near, self._machine.tool)
         if found is None:
             raise Refusal(f"no inverse kinematics at {value}")
         return np.array(found)
@@ -238,8 +308,8 @@ class ScriptMoves:
     def nearest(self, pose: Pose, near: Numbers, tool: Array) -> Numbers | None:
         """Joint angles at a pose in m, nearest to others; None where there are none."""
         machine = self._machine
-        wanted = pose_from_vector(np.array([millimetres(tuple(pose))]))[0] @ np.linalg.inv(tool)
-        return nearest_joints(machine.arm, frame_of(wanted), near, machine.limit.tolist())
+        flange = compose(frame_at(millimetres(tuple(pose))), inverse(frame_of(tool)))
+        return nearest_joints(machine.arm, flange, near, machine.limit.tolist())
 
 
 def positive(value: Value, what: str) -> float:
@@ -262,7 +332,25 @@ def radius(value: Value) -> float:
     return found
 
 
-def in_time(way: float, seconds: float) -> tuple[float, float]:
-    """Speed and acceleration that run a way in a time."""
-    speed = way / (seconds * (1.0 - RAMP))
-    return speed, speed / (seconds * RAMP)
+def duration(value: Value) -> float:
+    """A time, s; 0 for none.
+
+    Raises:
+        Refusal: it is none.
+    """
+    found = number(value, "t")
+    if not 0.0 <= found < math.inf:
+        raise Refusal(f"t must be 0 or above, not {found:g}")
+    return found
+
+
+def within(value: Value, what: str, least: float, most: float) -> float:
+    """A number between two others.
+
+    Raises:
+        Refusal: it is beyond them.
+    """
+    found = number(value, what)
+    if not least <= found <= most:
+        raise Refusal(f"{what} must be {least:g} to {most:g}, not {found:g}")
+    return found

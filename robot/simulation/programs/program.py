@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robot.simulation.urscript import Running, ScriptError, ScriptRuntimeError, compiled
+from robot.simulation.urscript import Running, ScriptError, ScriptRuntimeError
 
+from .interpreter import Interpreter
 from .library import library
 from .moves import ScriptMoves
+from .sockets import Sockets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from robot.simulation.machine import Machine
+    from robot.simulation.urscript import Compiled
 
 
 class ScriptProgram:
@@ -20,20 +23,20 @@ class ScriptProgram:
 
     Args:
         machine: whose arm and registers it has.
-        text: of the program.
+        program: compiled with the functions of `library`.
         say: is told what the program says.
-
-    Raises:
-        ScriptSyntaxError: the text is no program; nothing was changed.
     """
 
-    def __init__(self, machine: Machine, text: str, say: Callable[[str], None]) -> None:
+    def __init__(self, machine: Machine, program: Compiled, say: Callable[[str], None]) -> None:
         self._machine = machine
         self._moves = ScriptMoves(machine, self._waker)
-        functions = library(machine, self._moves, say)
-        program = compiled(text, functions)
         self.name, self.secondary = program.name, program.secondary
+        self._sockets = Sockets(machine, say)
+        self._interpreter = Interpreter(machine)
+        functions = library(machine, self._moves, say, self._sockets, self._interpreter)
         self._running = Running(program, functions)
+        if program.around is not None:
+            self._interpreter.begin(self._running, functions, program.around)
 
     def __iter__(self) -> Iterator[None]:
         return self
@@ -45,10 +48,18 @@ class ScriptProgram:
             StopIteration: the program has ended.
             ScriptRuntimeError: it did what ends it.
         """
+        if not self._interpreter.ended:
+            self._machine.interpreter = self._interpreter
         goes_on = self._running.step()
         self._moves.settle()
-        if not goes_on:
+        if not goes_on and not self._moves.running_out:
             raise StopIteration
+
+    def close(self) -> None:
+        """End the program, and what it has open."""
+        self._running.end()
+        self._sockets.close_all()
+        self._interpreter.end()
 
     def run_at_once(self) -> None:
         """Run a secondary program: it takes no time, beside whatever runs.
@@ -56,9 +67,11 @@ class ScriptProgram:
         Raises:
             ScriptRuntimeError: it did what ends it, or takes time.
         """
-        if self._running.step():
-            self._running.end()
-            raise ScriptRuntimeError("a secondary program cannot take time", 1, 1)
+        try:
+            if self._running.step():
+                raise ScriptRuntimeError("a secondary program cannot take time", 1, 1)
+        finally:
+            self.close()
 
     def _waker(self) -> Callable[[], None]:
         """What lets the thread that now runs go on within a cycle."""

@@ -1,1 +1,1 @@
-"""The simulated pump: a drive that is told by Modbus, and the hose behind it."""
+"""The simulated pump: hopper, pump and hose, the drive that turns them, and the Modbus server that it is told by."""

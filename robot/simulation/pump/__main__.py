@@ -1,183 +1,121 @@
 """The simulated pump, a process of its own: `python -m robot.simulation.pump --cell CELL`.
 
-A Modbus TCP drive with the holding registers of the cell's register map, and behind it the hose. The drive trips when
-its controller falls silent while it runs: no write changes any register, the heartbeat least of all. Pressure is
-not simulated.
+A drive with the registers of the cell's register map, over Modbus TCP or RTU over TCP, and behind it hopper, pump and
+hose.
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
-import socket
+import math
+import signal
 import sys
-import time
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
-
 from planning import load_cell
-from robot.pump_map import (
-    LARGEST_COUNT,
-    READY_BIT,
-    RUNNING_BIT,
-    STOP,
-    TRIPPED_BIT,
-    PumpMap,
-    load_pump_map,
-)
+from robot.pump_map import pump_map
 from robot.simulation.clock import ProcessClock
 from robot.simulation.faults import PUMP_PORT, Fault, FaultPort
 from robot.simulation.lifetime import arguments, run, told_of_taken_ports, until_ended
 
-from .hose import Hose
+from .drive import Drive, State
+from .plant import Plant, PlantSettings
+from .server import ModbusServer
 
 if TYPE_CHECKING:
-    import argparse
     from typing import TextIO
 
-READ, WRITE_ONE, WRITE_MANY = 3, 6, 16
+    from robot.simulation.faults import Effect
+
 TRACE_PERIOD = 0.01  # s of wall time
-
-
-class Drive:
-    """The drive's registers and its watchdog.
-
-    Attributes:
-        tripped: whether it stopped by itself; a stop command makes it ready again.
-        muted: neither answer nor do anything.
-    """
-
-    def __init__(self, registers: PumpMap, hose: Hose, clock: ProcessClock, trip: float) -> None:
-        self.map = registers
-        self.hose = hose
-        self.clock = clock
-        self.tripped = self.muted = False
-        self._trip = trip
-        self._values = [0] * registers.register_count
-        self._target = 0.0
-        self._changed = time.monotonic()
-
-    @property
-    def running(self) -> bool:
-        """Whether it is told to run, and does."""
-        return self._values[self.map.registers.command] != STOP and not self.tripped
-
-    def write(self, address: int, values: list[int]) -> None:
-        """Take register values from the controller, all at once."""
-        at = self.map.registers
-        wall = time.monotonic()
-        if self._values[address : address + len(values)] != values:
-            self._changed = wall
-        self._values[address : address + len(values)] = values
-        if address <= at.command < address + len(values) and self._values[at.command] == STOP:
-            self.tripped = False
-        self._act(wall)
-
-    def read(self) -> list[int]:
-        """All registers now."""
-        at = self.map.registers
-        self.hose.advance(self.clock.now())
-        self._values[at.measured_flow] = min(round(self.hose.flow / self.map.flow_unit), LARGEST_COUNT)
-        self._values[at.status] = (
-            TRIPPED_BIT if self.tripped else READY_BIT | (RUNNING_BIT if self.running else 0)
-        )
-        return self._values
-
-    def report(self) -> dict[str, float]:
-        """What leaves the nozzle: process time in s, flow in mm³/s and volume in mm³."""
-        self.hose.advance(self.clock.now())
-        return {"time": self.hose.time, "flow": self.hose.flow, "volume": self.hose.volume}
-
-    async def watch(self) -> None:
-        """Trip when the controller is silent for too long, s of wall time."""
-        while self._trip > 0.0:
-            silent = time.monotonic() - self._changed
-            if self.running and silent >= self._trip:
-                self.tripped = True
-                self._act(time.monotonic())
-            await asyncio.sleep(max(self._trip - silent, 0.001) if self.running else 0.005)
-
-    async def exchange(
-        self,
-        function: int,
-        start: int,
-        address: int,
-        count: int,
-        memory: list[int],
-        values: list[int] | list[bool] | None,
-    ) -> ExcCodes | None:
-        """What pymodbus asks before it reads or writes its own `memory`, which begins at `start`."""
-        del count
-        if self.muted:
-            return ExcCodes.DEVICE_FAILURE  # nothing happens; the answer itself is swallowed by `silence`
-        if function not in {READ, WRITE_ONE, WRITE_MANY}:
-            return ExcCodes.ILLEGAL_FUNCTION
-        if values is not None:
-            self.write(address - start, [int(value) for value in values])
-        memory[: len(self._values)] = self.read()
-        return None
-
-    def silence(self, sending: bool, data: bytes) -> bytes:
-        """What pymodbus passes every frame through: nothing is sent while muted."""
-        return b"" if sending and self.muted else data
-
-    def _act(self, wall: float) -> None:
-        """Pass the flow that the registers ask for on to the hose, if it is another than before."""
-        at = self.map.registers
-        target = self.map.flow(self._values[at.set_flow]) if self.running else 0.0
-        if target != self._target:
-            self._target = target
-            self.hose.command(self.clock.at(wall), target)
+TRACED = {
+    "time_s": "time",
+    "flow_mm3_s": "flow",
+    "volume_mm3": "volume",
+    "age_s": "age",
+    "speed_mm3_s": "speed",
+    "pressure_bar": "pressure",
+    "current_a": "current",
+    "hopper_mm3": "hopper",
+}
 
 
 async def _trace(drive: Drive, file: TextIO) -> None:
-    file.write("time_s,flow_mm3_s,volume_mm3\n")
+    file.write(",".join(TRACED) + "\n")
     while True:
         now = drive.report()
-        file.write(f"{now['time']:.6f},{now['flow']:.6f},{now['volume']:.6f}\n")
+        values = (math.inf if now[name] is None else now[name] for name in TRACED.values())
+        file.write(",".join(f"{value:.6f}" for value in values) + "\n")
         await asyncio.sleep(TRACE_PERIOD)
 
 
-async def _listen(drive: Drive, host: str, port: int) -> ModbusTcpServer:
-    with (
-        told_of_taken_ports(host, port),
-        socket.socket() as probe,
-    ):  # the server itself does not say why it fails
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        probe.bind((host, port))
-        probe.listen()
-    memory = SimData(0, count=drive.map.register_count, values=0, datatype=DataType.REGISTERS)
-    device = SimDevice(id=drive.map.device_id, simdata=[memory], action=drive.exchange)
-    server = ModbusTcpServer(device, address=(host, port), trace_packet=drive.silence)
-    await server.serve_forever(background=True)
+def _effects(drive: Drive, server: ModbusServer) -> dict[Fault, Effect]:
+    """What the pump's faults do."""
 
-    def mute(muted: bool) -> None:
-        drive.muted = muted
+    def put(target: object, **values: Any) -> None:
+        for name, value in values.items():
+            setattr(target, name, value)
 
-    faults: dict[Fault, Any] = {
-        Fault.PUMP_MUTE: lambda _: mute(True),
-        Fault.PUMP_UNMUTE: lambda _: mute(False),
+    now = drive.clock.now
+    return {
         Fault.PUMP_REPORT: lambda _: drive.report(),
+        Fault.PUMP_MUTE: lambda _: put(server, muted=True),
+        Fault.PUMP_UNMUTE: lambda _: put(server, muted=False),
+        Fault.PUMP_RESET: lambda _: server.reset(),
+        Fault.PUMP_EXCEPTION: lambda asked: put(server, exception=asked["code"]),
+        Fault.PUMP_CLEAR_EXCEPTION: lambda _: put(server, exception=None),
+        Fault.PUMP_FROZEN: lambda _: put(drive, frozen=True),
+        Fault.PUMP_UNFROZEN: lambda _: put(drive, frozen=False),
+        Fault.PUMP_TRIP: lambda _: drive.trip("asked for", State.FAULT),
+        Fault.PUMP_RESET_TRIP: lambda _: drive.reset(),
+        Fault.PUMP_HOPPER: lambda asked: drive.plant.fill(now(), asked["level"]),
+        Fault.PUMP_BLOCK: lambda asked: drive.plant.block(now(), asked["share"]),
+        Fault.PUMP_REGISTER_WIDTH: lambda asked: put(drive, width=asked["bits"]),
+        Fault.PUMP_SLOW: lambda asked: put(server, slow=asked["seconds"]),
     }
-    with told_of_taken_ports(host, PUMP_PORT):
-        await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: FaultPort(faults), local_addr=(host, PUMP_PORT)
-        )
-    return server
 
 
 async def _main(options: argparse.Namespace) -> None:
-    cell = load_cell(options.cell)
+    settings = load_cell(options.cell).pump
     clock = ProcessClock(options.epoch, options.time_scale)
-    hose = Hose(cell.pump.dead_time_s, cell.pump.lag_s, clock.now())
-    drive = Drive(load_pump_map(cell.pump.registers, Path(options.cell).parent), hose, clock, options.trip)
-    server = await _listen(drive, options.host or cell.pump.host, options.port or cell.pump.port)
+    plant = PlantSettings(
+        flow_max=settings.flow_max,
+        dead_time=settings.dead_time_s,
+        lag=settings.lag_s,
+        hose_volume=settings.hose_volume,
+        ramp=options.ramp,
+        pressure_lag=options.pressure_lag,
+        hopper=options.hopper,
+    )
+    drive = Drive(
+        pump_map(settings),
+        Plant(plant, clock.now()),
+        clock,
+        trip=options.trip,
+        pressure_limit=options.pressure_limit,
+        current_limit=options.current_limit,
+    )
+    server = ModbusServer(
+        drive,
+        serial=drive.map.transport == "rtu over tcp",
+        reply_delay=options.reply_delay,
+        jitter=options.reply_jitter,
+        seed=options.seed,
+    )
+    host, port = options.host or settings.host, options.port or settings.port
+    with told_of_taken_ports(host, port):
+        listening = await server.listen(host, port)
+    with told_of_taken_ports(host, PUMP_PORT):
+        await asyncio.get_running_loop().create_datagram_endpoint(
+            lambda: FaultPort(_effects(drive, server)), local_addr=(host, PUMP_PORT)
+        )
     with contextlib.ExitStack() as stack:
         tasks = [asyncio.create_task(drive.watch())]
+        tasks[0].add_done_callback(_end_with_it)
         if options.trace:
             file = stack.enter_context(options.trace.open("w", encoding="utf-8", buffering=1))
             tasks.append(asyncio.create_task(_trace(drive, file)))
@@ -185,17 +123,46 @@ async def _main(options: argparse.Namespace) -> None:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-    await server.shutdown()  # type: ignore[no-untyped-call]
+    listening.close()
+    server.reset()
+
+
+def _end_with_it(watching: asyncio.Task[None]) -> None:
+    """A drive that does not watch its line is none."""
+    if not watching.cancelled() and (error := watching.exception()) is not None:
+        traceback.print_exception(error)
+        signal.raise_signal(signal.SIGTERM)
+
+
+def _seconds(text: str) -> float:
+    number = float(text)
+    if not 0.0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"must not be negative, not {text}")
+    return number
+
+
+def _amount(text: str) -> float:
+    number = float(text)
+    if not number >= 0.0:
+        raise argparse.ArgumentTypeError(f"must not be negative, not {text}")
+    return number
 
 
 def main() -> int:
     """Run the simulated pump; its exit code."""
-    parser = arguments("A simulated concrete pump behind a Modbus TCP drive.")
-    parser.add_argument("--port", type=int, help="TCP port instead of the cell's")
-    parser.add_argument(
-        "--trip", type=float, default=0.5, help="wall seconds of silence until it trips; 0: never"
-    )
-    parser.add_argument("--trace", type=Path, help="file for flow and volume over process time")
+    parser = arguments("A simulated concrete pump behind a Modbus drive.")
+    add = parser.add_argument
+    add("--port", type=int, help="TCP port instead of the cell's")
+    add("--trip", type=_seconds, default=0.5, help="wall seconds of silence until it trips; 0: never")
+    add("--reply-delay", type=_seconds, default=0.0, help="wall seconds that a request takes")
+    add("--reply-jitter", type=_seconds, default=0.0, help="wall seconds that it may take more")
+    add("--seed", type=int, default=0, help="of the jitter")
+    add("--ramp", type=_seconds, default=0.0, help="process seconds from rest to the largest flow")
+    add("--hopper", type=_amount, default=math.inf, help="what the hopper holds, mm³; inf: it is never empty")
+    add("--pressure-lag", type=_seconds, default=0.3, help="time constant of the pressure, process seconds")
+    add("--pressure-limit", type=_amount, default=40.0, help="bar, beyond which the drive trips; inf: never")
+    add("--current-limit", type=_amount, default=12.0, help="A, beyond which the drive trips; inf: never")
+    add("--trace", type=Path, help="file for flow, volume, age and more over process time")
     return run(_main(parser.parse_args()), "pump")
 
 

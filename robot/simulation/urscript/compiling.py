@@ -42,8 +42,9 @@ from .nodes import (
     While,
     Word,
 )
-from .parsing import parse
-from .scopes import Known, Scopes, defined
+from .parsing import parse, parse_statements
+from .scopes import Around, Known, Scopes, defined
+from .values import LONGEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -53,6 +54,9 @@ Made = TypeVar("Made", bound=ast.AST)
 
 FILE = "<program>"
 """The name of the text in the code's own records."""
+
+STRETCH = 50
+"""Statements after one another that are not interrupted."""
 
 _OPERATIONS = {
     "+": "add",
@@ -85,15 +89,40 @@ class Compiled:
 
     Attributes:
         name: of its outermost `def`.
-        code: defines its functions; that called `MAIN` is the program.
+        codes: define its functions; that called `MAIN` is the program.
         secondary: whether it began with `sec`, and so takes no time.
         calls: the controller's functions that it calls.
+        around: what statements find that are added to it while it runs; None if it lets none be added.
     """
 
     name: str
-    code: CodeType
+    codes: tuple[CodeType, ...]
     secondary: bool
     calls: frozenset[str]
+    around: Around | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """Statements that can be added to a program that runs.
+
+    Attributes:
+        main: name of the function of `code` that they are.
+        code: defines their functions.
+        calls: the controller's functions that they call.
+        around: what the next ones find.
+        globals: variables that they declare as the program's.
+    """
+
+    main: str
+    code: CodeType
+    calls: frozenset[str]
+    around: Around
+    globals: frozenset[str]
+
+
+ADDS = "interpreter_mode"
+"""The function of the controller that lets statements be added to the program that calls it."""
 
 
 def compiled(text: str, library: Library) -> Compiled:
@@ -108,37 +137,67 @@ def compiled(text: str, library: Library) -> Compiled:
     """
     try:
         tree = parse(text)
-        compiler = _Compiler(tree, library)
-        module = compiler.module()
-        code = compile(module, FILE, "exec")
+        compiler = Compiler(tree, library)
+        code = compile(compiler.module(), FILE, "exec")
     except RecursionError:
         raise ScriptSyntaxError("the program is nested too deeply", 1, 1) from None
-    return Compiled(tree.name, code, tree.kind == "sec", frozenset(compiler.calls))
+    calls = frozenset(compiler.calls)
+    return Compiled(tree.name, (code,), tree.kind == "sec", calls, interpreting(compiler.scopes, calls))
 
 
-class _Compiler:
-    def __init__(self, tree: Function, library: Library) -> None:
+def interpreting(scopes: Scopes, calls: frozenset[str]) -> Around | None:
+    """What statements find that are added to a program, if it lets any be added."""
+    return scopes.around() if ADDS in calls else None
+
+
+def added(text: str, library: Library, around: Around) -> Added:
+    """Statements, ready to be added to a program that runs.
+
+    Args:
+        text: of the statements; a `def` or `thread` among them defines a function.
+        library: what the controller offers.
+        around: what they find.
+
+    Raises:
+        ScriptSyntaxError: with line and column: they are none, or name what there is not.
+    """
+    try:
+        compiler = Compiler(parse_statements(text), library, around)
+        code = compile(compiler.module(), FILE, "exec")
+    except RecursionError:
+        raise ScriptSyntaxError("the statement is nested too deeply", 1, 1) from None
+    scopes = compiler.scopes
+    return Added(
+        scopes.main.code_name, code, frozenset(compiler.calls), scopes.around(), frozenset(scopes.globals)
+    )
+
+
+class Compiler:
+    """Translates the functions of one program."""
+
+    def __init__(self, tree: Function, library: Library, around: Around | None = None) -> None:
         self._library = library
         self.calls: set[str] = set()
         self._temporaries = 0
         self._loops = 0
-        self._scopes = Scopes(tree, library)
-        self._known = self._scopes.main
+        self.scopes = Scopes(tree, library, around)
+        self._known = self.scopes.main
 
     def module(self) -> ast.Module:
-        module = ast.Module(body=[self._function(known) for known in self._scopes.functions], type_ignores=[])
+        module = ast.Module(body=[self.function(known) for known in self.scopes.functions], type_ignores=[])
         return ast.fix_missing_locations(module)
 
     # -- functions
 
-    def _function(self, known: Known) -> ast.stmt:
+    def function(self, known: Known) -> ast.stmt:
+        """The definition of one function."""
         self._known, self._loops = known, 0
         function = known.function
         body: list[ast.stmt] = []
         if known.of_program:
             body.append(ast.Global([f"v_{name}" for name in sorted(known.of_program)]))
         body += [_assign(f"v_{name}", _call("copied", _load(f"v_{name}"))) for name in sorted(known.changed)]
-        if known is not self._scopes.main:
+        if known is not self.scopes.main:
             body += [self._pause()] if known.takes_time else [ast.Expr(_call("enter"))]
         body += self._block(function.body)
         if known.takes_time:  # what makes it a generator, if nothing else does
@@ -162,12 +221,12 @@ class _Compiler:
     # -- statements
 
     def _block(self, block: Block) -> list[ast.stmt]:
-        return [
-            _placed(made, part)
-            for part in block
-            if not isinstance(part, Function)
-            for made in self._statement(part)
-        ]
+        body: list[ast.stmt] = []
+        for i, part in enumerate(part for part in block if not isinstance(part, Function)):
+            if i % STRETCH == STRETCH - 1 and self._known.takes_time:
+                body.append(_placed(self._pause(), part))
+            body += [_placed(made, part) for made in self._statement(part)]
+        return body
 
     def _statement(self, part: Statement) -> list[ast.stmt]:
         made = self._makers[type(part)](self, part)
@@ -237,7 +296,7 @@ class _Compiler:
         made: ast.expr = _call(part.word, self._expression(part.thread))
         return ast.Expr(ast.YieldFrom(made) if part.word == "join" else made)
 
-    _makers: dict[type, Callable[[_Compiler, Any], ast.stmt | list[ast.stmt]]] = {  # noqa: RUF012 - never changed
+    _makers: dict[type, Callable[[Compiler, Any], ast.stmt | list[ast.stmt]]] = {  # noqa: RUF012 - never changed
         Assign: _assign,
         Evaluate: _evaluate,
         If: _if,
@@ -263,7 +322,11 @@ class _Compiler:
             case Items(items=items, is_pose=True):
                 return _call("pose", *map(self._expression, items))
             case Items(items=items):
-                return ast.List([self._own(item) for item in items], ast.Load())
+                if len(items) > LONGEST:
+                    raise ScriptSyntaxError(f"a list has at most {LONGEST} items", part.line, part.column)
+                if all(isinstance(item, Constant) for item in items):
+                    return ast.List([self._expression(item) for item in items], ast.Load())
+                return _call("listed", *map(self._expression, items))
             case Unary(sign="not", operand=operand):
                 return ast.UnaryOp(ast.Not(), self._condition(operand))
             case Unary(sign=sign, operand=operand):
@@ -289,7 +352,7 @@ class _Compiler:
         if not isinstance(part, Index) or not isinstance(part.base, Name):
             return ""
         name = part.base.name
-        if name in self._known.local or name in self._scopes.names:
+        if name in self._known.local or name in self.scopes.names:
             return ""
         function = _ARRAYS.get(name, ("", ""))[which]
         return function if function in self._library else ""
@@ -311,7 +374,7 @@ class _Compiler:
         return made if certain else _placed(_call("truth", made), part)
 
     def _variable(self, part: Name) -> ast.expr:
-        if part.name not in self._known.local and part.name not in self._scopes.names:
+        if part.name not in self._known.local and part.name not in self.scopes.names:
             hint = (
                 "; call it with ()" if part.name in self._library or defined(self._known, part.name) else ""
             )
@@ -361,9 +424,17 @@ class _Compiler:
         for (name, default), value in zip(function.parameters, given, strict=True):
             if value is None and default is None:
                 raise ScriptSyntaxError(f"'{part.name}' needs '{name}'", part.line, part.column)
-            arguments.append(self._expression(value if value is not None else default))  # type: ignore[arg-type]
+            arguments.append(self._expression(value) if value is not None else self._default(default, part))
         made: ast.expr = _placed(_call(known.code_name, *arguments), part)
         return ast.YieldFrom(made) if known.takes_time else made
+
+    def _default(self, value: Any, call: Call) -> ast.expr:
+        """What a parameter is if it is not given; it is worked out by the call, and stands in its place."""
+        made = self._expression(value)
+        for inner in ast.walk(made):
+            if isinstance(inner, ast.expr):
+                _placed(inner, call)
+        return made
 
     def _arguments(self, part: Call, names: Sequence[str]) -> list[Expression | None]:
         """What is given for each parameter, None for nothing."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
@@ -45,15 +46,21 @@ def builtin(
     A parameter written `*a` is one that programs may give and that has no effect here: `call` does not get it. A
     function that takes time is written as a generator.
     """
-    name, _, rest = signature.partition("(")
-    parts = [part.strip() for part in rest.rstrip(")").split(",") if part.strip()]
-    names = [part.removeprefix("*") for part in parts]
-    kept = [i for i, part in enumerate(parts) if not part.startswith("*")]
+    name, names, kept = _read(signature)
     effect = call
-    if len(kept) < len(parts):
+    if len(kept) < len(names):
 
         def effect(*arguments: Any) -> Any:
             return call(*[arguments[i] for i in kept])
 
-    parameters = tuple((part, defaults.get(part, REQUIRED)) for part in names)
+    parameters = tuple([(part, defaults.get(part, REQUIRED)) for part in names])
     return Builtin(name, effect, parameters, inspect.isgeneratorfunction(call))
+
+
+@cache
+def _read(signature: str) -> tuple[str, tuple[str, ...], tuple[int, ...]]:
+    """The function's name, its parameters' names, and the places of those that have an effect."""
+    name, _, rest = signature.partition("(")
+    parts = [part.strip() for part in rest.rstrip(")").split(",") if part.strip()]
+    kept = [i for i, part in enumerate(parts) if not part.startswith("*")]
+    return name, tuple(part.removeprefix("*") for part in parts), tuple(kept)

@@ -7,7 +7,7 @@ from typing import Any
 
 from .errors import Refusal
 from .functions import Builtin, builtin
-from .values import LONGEST, Pose, Struct, Value, copied, equal, integer, kind
+from .values import LONGEST, Pose, Struct, Value, copied, equal, integer, kind, size
 
 
 def items(value: Value) -> list[Any]:
@@ -16,8 +16,14 @@ def items(value: Value) -> list[Any]:
 
 
 def struct(members: dict[str, Any]) -> Struct:
-    """A struct of values by name."""
-    return Struct(members)
+    """A struct of values by name.
+
+    Raises:
+        Refusal: it would be deeper or larger than a value may be.
+    """
+    found = Struct(members)
+    size(found)
+    return found
 
 
 def method(base: Value, name: str, *arguments: Any) -> Any:
@@ -32,7 +38,11 @@ def method(base: Value, name: str, *arguments: Any) -> Any:
     call, count = found
     if len(arguments) != count:
         raise Refusal(f"'{name}' takes {count} argument{'s' * (count != 1)}, not {len(arguments)}")
-    return call(_list(base, name), *arguments)
+    value = _list(base, name)
+    made = call(value, *arguments)
+    if arguments and isinstance(arguments[-1], list | Struct):
+        size(value)
+    return made
 
 
 def _list(value: Value, where: str) -> list[Any]:
@@ -111,6 +121,8 @@ def _make_list(length: Value, initial_value: Value, capacity: Value) -> list[Any
     room = count if capacity is None else integer(capacity, "capacity")
     if not 0 <= count <= room <= LONGEST:
         raise Refusal(f"a list has 0 to {LONGEST} items, and no more than its capacity, not {count}")
+    if count * size(initial_value) > LONGEST:
+        raise Refusal(f"a list has at most {LONGEST} items")
     return [copied(initial_value) for _ in range(count)]
 
 

@@ -1,4 +1,4 @@
-"""The functions of URScript that compute: numbers, vectors, poses, strings."""
+"""The functions of URScript that compute: numbers, vectors, matrices, poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from planning.pose import pose_from_vector, vector_from_pose
 from .errors import Refusal
 from .functions import Builtin, builtin
 from .lists import LISTS
-from .values import LONGEST, Pose, Value, integer, kind, number, numbers, written
+from .strings import STRINGS, raw
+from .values import Pose, Value, array, integer, is_matrix, kind, number, numbers, shape, written
 
 Array: TypeAlias = npt.NDArray[np.float64]
 
@@ -136,68 +137,56 @@ def _to_rpy(value: Value) -> list[float]:
     return found
 
 
-# -- strings
+# -- matrices
 
 
-def _text(value: Value, what: str) -> str:
-    if type(value) is not str:
-        raise Refusal(f"{what} must be a string, not {kind(value)}")
-    return value
-
-
-def _str_cat(first: Value, second: Value) -> str:
-    found = (first if isinstance(first, str) else written(first)) + (
-        second if isinstance(second, str) else written(second)
-    )
-    if len(found) > LONGEST:
-        raise Refusal(f"a string has at most {LONGEST} characters")
-    return found
-
-
-def _str_at(source: Value, index: Value) -> str:
-    text, at = _text(source, "src"), integer(index, "index")
-    if not 0 <= at < len(text):
-        raise Refusal(f"index {at} is outside a string of {len(text)}")
-    return text[at]
-
-
-def _str_find(source: Value, target: Value, start: Value) -> int:
-    return _text(source, "src").find(_text(target, "target"), integer(start, "start_from"))
-
-
-def _str_sub(source: Value, index: Value, length: Value) -> str:
-    text, at = _text(source, "src"), integer(index, "index")
-    count = len(text) - at if length is None else integer(length, "len")
-    if not (0 <= at <= len(text) and count >= 0):
-        raise Refusal(f"characters {at} to {at + count} are outside a string of {len(text)}")
-    return text[at : at + count]
-
-
-def _to_num(value: Value) -> int | float:
-    text = _text(value, "str").strip()
+def _inv(value: Value) -> Any:
+    if type(value) is Pose:
+        return _pose_inv(value)
+    found = array(value, "m")
+    if found.ndim != 2 or found.shape[0] != found.shape[1]:
+        raise Refusal(f"m must be a square matrix or a pose, not {shape(value)}")
     try:
-        return integer(float(int(text)))
-    except (ValueError, Refusal, OverflowError):
-        pass
-    try:
-        found = float(text)
-    except ValueError:
-        raise Refusal(f"'{text}' is no number") from None
-    return found
+        return np.linalg.inv(found).tolist()
+    except np.linalg.LinAlgError:
+        raise Refusal("the matrix has no inverse") from None
 
 
-def _is_num(value: Value) -> bool:
-    try:
-        float(_text(value, "str"))
-    except ValueError:
-        return False
-    return True
+def _transpose(value: Value) -> list[Any]:
+    if not is_matrix(value):
+        return [[item] for item in array(value, "m").tolist()]
+    array(value, "m")
+    return [list(column) for column in zip(*value, strict=True)]
+
+
+def _size(value: Value) -> Any:
+    return [len(value), len(value[0])] if is_matrix(value) else _length(value)
+
+
+def _length(value: Value) -> int:
+    if type(value) is str:
+        return len(raw(value, "v"))
+    if type(value) not in (list, Pose):
+        raise Refusal(f"v must be a list or a string, not {kind(value)}")
+    return len(value)
+
+
+def _normalize(value: Value) -> list[float]:
+    found = array(value, "v")
+    length = float(np.linalg.norm(found))
+    if found.ndim != 1 or length == 0.0:
+        raise Refusal("v must be a list of numbers that are not all 0")
+    made: list[float] = (found / length).tolist()
+    return made
+
+
+# -- bits
 
 
 def _binary_list_to_integer(value: Value) -> int:
-    if not isinstance(value, list) or len(value) > 32 or any(type(bit) is not bool for bit in value):
-        raise Refusal("l must be a list of at most 32 booleans")
-    found = sum(int(bit) << i for i, bit in enumerate(value))
+    if not isinstance(value, list) or any(type(bit) is not bool for bit in value):
+        raise Refusal("l must be a list of booleans")
+    found = sum(int(bit) << i for i, bit in enumerate(value[:32]))
     return found - (1 << 32) if found >= 1 << 31 else found
 
 
@@ -215,6 +204,7 @@ def _wrench_trans(frame: Value, wrench: Value) -> list[float]:
 
 MATHEMATICS: tuple[Builtin, ...] = (
     *LISTS,
+    *STRINGS,
     *(_of_one(name, getattr(math, name)) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sqrt")),
     _of_one("d2r", math.radians),
     _of_one("r2d", math.degrees),
@@ -225,6 +215,11 @@ MATHEMATICS: tuple[Builtin, ...] = (
     builtin("log(b, f)", _log),
     builtin("norm(a)", _norm),
     builtin("random()", random.random),
+    builtin("inv(m)", _inv),
+    builtin("transpose(m)", _transpose),
+    builtin("size(v)", _size),
+    builtin("length(v)", _length),
+    builtin("normalize(v)", _normalize),
     builtin("pose_trans(p_from, p_from_to)", _pose_trans),
     builtin("pose_inv(p_from)", _pose_inv),
     builtin("pose_add(p_1, p_2)", _pose_add),
@@ -234,15 +229,6 @@ MATHEMATICS: tuple[Builtin, ...] = (
     builtin("interpolate_pose(p_from, p_to, alpha)", _interpolate_pose),
     builtin("rpy2rotvec(rpy_vector)", _rpy),
     builtin("rotvec2rpy(rotation_vector)", _to_rpy),
-    builtin("str_cat(op1, op2)", _str_cat),
-    builtin("str_at(src, index)", _str_at),
-    builtin("str_empty(str)", lambda text: not _text(text, "str")),
-    builtin("str_find(src, target, start_from)", _str_find, {"start_from": 0}),
-    builtin("str_len(str)", lambda text: len(_text(text, "str"))),
-    builtin("str_sub(src, index, len)", _str_sub, {"len": None}),
-    builtin("to_num(str)", _to_num),
-    builtin("to_str(val)", written),
-    builtin("is_num(str)", _is_num),
     builtin("binary_list_to_integer(l)", _binary_list_to_integer),
     builtin("integer_to_binary_list(x)", _integer_to_binary_list),
     builtin("wrench_trans(T_from_to, w_from)", _wrench_trans),

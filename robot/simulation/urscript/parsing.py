@@ -1,7 +1,8 @@
 """Reads a program's text into a tree.
 
-A statement ends with its line, except inside brackets; a keyword may follow without a line's end, since programs that
-are put together from parts come like this. `p[...]` with one item is an index into a variable `p`, with six a pose.
+A statement ends with its line, except inside brackets and after an operator; another may follow on the same line, since
+the statements of interpreter mode come like this. `p[...]` with one item is an index into a variable `p`, with six a
+pose; `m[i, j]` is `m[i][j]`.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ DEEPEST = 100
 """Brackets and blocks within one another."""
 
 _LEVELS = (("or", "xor"), ("and",), ("==", "!=", "<", ">", "<=", ">="), ("+", "-"), ("*", "/", "%"))
+_CLOSENESS = {sign: level for level, signs in enumerate(_LEVELS) for sign in signs}
 _WORDS = ("break", "continue", "halt", "enter_critical", "exit_critical")
 
 
@@ -52,8 +54,16 @@ def parse(text: str) -> Function:
     Raises:
         ScriptSyntaxError: with line and column.
     """
-    parser = _Parser(tokens(text))
-    return parser.program()
+    return _Parser(tokens(text)).program()
+
+
+def parse_statements(text: str) -> Function:
+    """Statements, as what a program without a name does; a `def` among them defines a function.
+
+    Raises:
+        ScriptSyntaxError: with line and column.
+    """
+    return _Parser(tokens(text)).statements()
 
 
 class _Parser:
@@ -101,6 +111,11 @@ class _Parser:
         found = shown.get(word.kind, f"'{word.text}'")
         return ScriptSyntaxError(f"expected {wanted}, not {found}", word.line, word.column)
 
+    def _on_the_next_line(self) -> None:
+        """Go on there: what comes after an operator may stand behind the line's end."""
+        while self._next.kind == "newline":
+            self._take()
+
     def _skip_lines(self) -> None:
         while self._next.kind == "newline" or self._is(";"):
             self._take()
@@ -123,6 +138,11 @@ class _Parser:
             if program.parameters:
                 raise ScriptSyntaxError("a program has no parameters", program.line, program.column)
             return program
+        return self.statements()
+
+    def statements(self) -> Function:
+        """All there is, as statements of a program without a name."""
+        self._skip_lines()
         first = self._next
         body: list[Statement] = []
         while self._next.kind != "end":
@@ -150,7 +170,7 @@ class _Parser:
             if reader is not None:
                 return reader(self)
         statement = self._simple()
-        if not (self._next.kind in ("newline", "end", "keyword") or self._is(";")):
+        if not (self._next.kind in ("newline", "end", "keyword", "name") or self._is(";")):
             raise self._unexpected("the end of the statement")
         return statement
 
@@ -176,8 +196,7 @@ class _Parser:
         if not isinstance(target, Name | Index | Member) or (scope and not isinstance(target, Name)):
             raise ScriptSyntaxError("only a variable can be given a value", word.line, word.column)
         self._take()
-        while self._next.kind == "newline":  # a value may stand on the next line
-            self._take()
+        self._on_the_next_line()
         return Assign(word.line, word.column, target, self._expression(), scope)
 
     def _function(self) -> Function:
@@ -264,47 +283,58 @@ class _Parser:
     # -- expressions
 
     def _expression(self, level: int = 0) -> Expression:
-        if level == len(_LEVELS):
-            return self._unary()
-        left = self._expression(level + 1)
+        """Operands joined by signs that bind at least as closely as a level."""
+        left = self._unary()
         before = self._depth
-        while sign := self._accept(*_LEVELS[level]):
+        while (closeness := self._closeness()) >= level:
+            sign = self._take()
             self._deeper()  # a long sum is a deep tree
-            right = self._expression(level + 1)
+            self._on_the_next_line()
+            right = self._expression(closeness + 1)
             left = Binary(sign.line, sign.column, sign.text, left, right)
         self._depth = before
         return left
 
+    def _closeness(self) -> int:
+        """How closely the next word joins what stands around it; -1 if it is none that does."""
+        word = self._next
+        return _CLOSENESS.get(word.text, -1) if word.kind in ("sign", "keyword") else -1
+
     def _unary(self) -> Expression:
-        self._deeper()
-        if sign := self._accept("-", "+", "not"):
+        if self._next.kind in ("sign", "keyword") and (sign := self._accept("-", "+", "not")):
+            self._deeper()
             # `not a == b` asks whether they differ; a sign belongs to what follows it at once
             operand = self._expression(2) if sign.text == "not" else self._unary()
-            found: Expression = Unary(sign.line, sign.column, sign.text, operand)
-        else:
-            found = self._after(self._atom())
-        self._depth -= 1
-        return found
+            self._depth -= 1
+            return Unary(sign.line, sign.column, sign.text, operand)
+        return self._after(self._atom())
 
     def _after(self, value: Expression) -> Expression:
         """What follows a value at once: an index, a member, a method's arguments."""
+        before = self._depth
         while True:
             word = self._next
-            if self._is("["):
+            if word.kind != "sign" or word.text not in "[.":
+                self._depth = before
+                return value
+            self._deeper()  # as deep as it is long
+            if word.text == "[":
                 self._open("[", "")
-                index = self._expression()
+                indices = [self._expression()]
+                while self._accept(","):
+                    self._deeper()
+                    indices.append(self._expression())
                 self._close("]", "after the index")
-                value = Index(word.line, word.column, value, index)
-            elif self._is("."):
+                for index in indices:
+                    value = Index(word.line, word.column, value, index)
+            else:
                 self._take()
-                name = self._name("a name after '.'")
+                name = self._take() if self._next.kind == "keyword" else self._name("a name after '.'")
                 if self._is("("):
                     arguments, named = self._arguments()
                     value = Call(word.line, word.column, name.text, value, arguments, named)
                 else:
                     value = Member(word.line, word.column, value, name.text)
-            else:
-                return value
 
     def _atom(self) -> Expression:
         word = self._take()

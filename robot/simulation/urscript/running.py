@@ -2,14 +2,18 @@
 
 Each thread runs until it does something that takes time; what it then waits for is asked again in the next cycle. A
 thread that runs long without is interrupted, and if it goes on like this, the program ends: so no program holds the
-controller up. While a thread is in a critical section, the others stand.
+controller up, nor does one that fills the memory. A thread that is interrupted in a critical section goes on before any
+other runs; while one waits for something there, the others run, as programs in use rely on.
 """
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from planning import PlanningError
@@ -21,11 +25,14 @@ from .scopes import MAIN
 from .values import Thread, Value, integer
 
 if TYPE_CHECKING:
-    from .compiling import Compiled
+    from .compiling import Added, Compiled
     from .functions import Library
 
 SLICE = 1000
 """Rounds of loops, and calls of functions that loop, that a thread may do in a cycle."""
+
+BUSY = 0.005
+"""Wall time that it may take for that, s."""
 
 PATIENCE = 500
 """Cycles in a row that a thread may fill like this."""
@@ -33,7 +40,16 @@ PATIENCE = 500
 CALLS = 20_000
 """Calls of functions that take no time, of all threads in a cycle."""
 
+STUCK = 1.0
+"""Wall time that a function that takes no time may take, s."""
+
+MEMORY = 512 << 20
+"""Bytes by which the process may grow while a program runs."""
+
 _VARIABLE = re.compile(r"'v_(\w+)'")
+
+_STATUS = Path("/proc/self/statm")
+_PAGE = os.sysconf("SC_PAGE_SIZE") if hasattr(os, "sysconf") else 4096
 
 THREADS = 100
 """Most threads at once."""
@@ -59,6 +75,7 @@ STEPS: tuple[Callable[..., Any], ...] = (
     values.put_member,
     values.copied,
     values.truth,
+    values.listed,
     lists.items,
     lists.struct,
     lists.method,
@@ -78,6 +95,7 @@ class _Thread:
     handle: Thread
     steps: Iterator[None]
     filled: int = 0  # cycles in a row
+    critical: bool = False  # in a critical section
 
 
 class Running:
@@ -96,8 +114,12 @@ class Running:
         self._handles = 0
         self._threads: list[_Thread] = []
         self._current: _Thread | None = None
-        self._critical: _Thread | None = None
-        self._left = self._calls = 0
+        self._critical: _Thread | None = None  # before which no other runs
+        self._interrupted = False
+        self._left = self._calls = self._cycles = 0
+        self._began = self._due = 0.0
+        self._memory = _memory()
+        self._library = library
         names: dict[str, Any] = {
             "__builtins__": {},
             **{step.__name__: step for step in STEPS},
@@ -114,8 +136,22 @@ class Running:
             "enter_critical": self._enter_critical,
             "exit_critical": self._exit_critical,
         }
-        exec(program.code, names)  # noqa: S102 - our own translation of the program; it reaches what `names` has
+        self._names = names
+        for code in program.codes:
+            exec(code, names)  # noqa: S102 - our own translation of the program; it reaches what `names` has
         self._run(names[MAIN])
+
+    def add(self, statements: Added) -> Iterator[None]:
+        """Run statements as part of the program, in the thread that goes through what is returned."""
+        self._names.update({f"b_{name}": self._library[name].call for name in statements.calls})
+        exec(statements.code, self._names)  # noqa: S102 - as above
+        steps: Iterator[None] = self._names[statements.main]()
+        return steps
+
+    def forget(self, names: Iterable[str]) -> None:
+        """Take variables away."""
+        for name in names:
+            self._names.pop(f"v_{name}", None)
 
     @property
     def threads(self) -> int:
@@ -128,6 +164,13 @@ class Running:
             ScriptRuntimeError: it did what ends it.
         """
         self._calls = CALLS
+        self._cycles += 1
+        if self._cycles % 64 == 0:
+            try:
+                self._check_memory()
+            except Refusal as refusal:
+                self.end()
+                raise ScriptRuntimeError(str(refusal), 1, 1) from None
         place = 0
         while place < len(self._threads):
             thread = self._threads[place]
@@ -145,6 +188,11 @@ class Running:
         """Handle of the thread that now runs; 0 between cycles."""
         return self._current.handle if self._current is not None else Thread(0)
 
+    @property
+    def in_main(self) -> bool:
+        """Whether the thread that now runs is the program's own."""
+        return self._current is not None and self._threads[:1] == [self._current]
+
     def wake(self, handle: Thread) -> None:
         """Let one thread go on within a cycle, because what it waits for has happened.
 
@@ -156,15 +204,18 @@ class Running:
             self.end()
 
     def end(self) -> None:
-        """End all threads."""
+        """End all threads; that which asks for it, when it next waits."""
         ended, self._threads = self._threads, []
         self._critical = None
         for thread in ended:
-            _close(thread.steps)
+            if thread is not self._current:
+                _close(thread.steps)
 
     def _advance(self, thread: _Thread) -> bool:
         """Let one thread run; whether the program goes on."""
-        self._current, self._left = thread, SLICE
+        self._current, self._left, self._interrupted = thread, SLICE, False
+        self._began = perf_counter()
+        self._due = self._began + BUSY
         goes_on = True
         try:
             next(thread.steps)
@@ -180,8 +231,13 @@ class Running:
             raise _placed(error) from error
         finally:
             self._current = None
-        if self._left > 0:
+        if goes_on and not self._threads:
+            _close(thread.steps)
+            return False
+        if not self._interrupted:
             thread.filled = 0
+        alive = thread in self._threads
+        self._critical = thread if alive and thread.critical and self._interrupted else None
         return goes_on
 
     def _finish(self, thread: _Thread) -> bool:
@@ -197,9 +253,11 @@ class Running:
 
     def _tick(self) -> bool:
         self._left -= 1
-        if self._left > 0:
+        if self._left > 0 and (self._left % 8 or perf_counter() < self._due):
             return False
         assert self._current is not None
+        self._check_memory()
+        self._interrupted = True
         self._current.filled += 1
         if self._current.filled > PATIENCE:
             raise Refusal("an infinite loop: nothing in it takes time; put a sync() into it")
@@ -207,8 +265,16 @@ class Running:
 
     def _enter(self) -> None:
         self._calls -= 1
-        if self._calls < 0:
+        now = perf_counter()
+        if self._calls < 0 or now > self._began + STUCK:
             raise Refusal("too many calls without anything that takes time")
+        if now > self._due:
+            self._due = now + BUSY
+            self._check_memory()
+
+    def _check_memory(self) -> None:
+        if _memory() > self._memory + MEMORY:
+            raise Refusal("the program fills the controller's memory")
 
     def _run(self, function: Callable[[], Iterator[None]]) -> Thread:
         if len(self._threads) >= THREADS:
@@ -240,10 +306,20 @@ class Running:
         raise _End(of_program=True)
 
     def _enter_critical(self) -> None:
-        self._critical = self._current
+        if self._current is not None:
+            self._current.critical = True
 
     def _exit_critical(self) -> None:
-        self._critical = None
+        if self._current is not None:
+            self._current.critical = False
+
+
+def _memory() -> int:
+    """Bytes of memory that the process has; 0 where the system does not tell."""
+    try:
+        return int(_STATUS.read_text().split()[1]) * _PAGE
+    except (OSError, ValueError, IndexError):
+        return 0
 
 
 def _close(steps: Iterator[None]) -> None:

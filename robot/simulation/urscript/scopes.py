@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from .errors import ScriptSyntaxError
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 MAIN = "f_"
 """Name of the program's own function in the translation."""
+
+LONG = 200
+"""Statements of a function that takes time for no other reason."""
 
 
 @dataclass(eq=False)
@@ -43,6 +46,21 @@ class Known:
     callees: list[Known] = field(default_factory=list)
 
 
+@dataclass(frozen=True, eq=False)
+class Around:
+    """What a statement finds that is added to a program while it runs.
+
+    Attributes:
+        names: the program's variables.
+        function: whose functions it can call, and those of what this is defined in; without their statements.
+        statements: how many were added before.
+    """
+
+    names: frozenset[str]
+    function: Known
+    statements: int = 0
+
+
 def defined(known: Known | None, name: str) -> Known | None:
     """The function that a name means where `known` is, or None."""
     while known is not None:
@@ -55,25 +73,53 @@ def defined(known: Known | None, name: str) -> Known | None:
 class Scopes:
     """All functions of a program.
 
+    Args:
+        tree: of the program, or of statements that are added to one.
+        library: what the controller offers.
+        around: the program that they are added to, or None.
+
     Attributes:
         functions: in the order of their definitions, the program first.
+        globals: the variables that are declared as the program's.
         names: the program's variables.
 
     Raises:
         ScriptSyntaxError: a parameter is made global.
     """
 
-    def __init__(self, tree: Function, library: Library) -> None:
+    def __init__(self, tree: Function, library: Library, around: Around | None = None) -> None:
         self._library = library
+        self._statements = around.statements + 1 if around is not None else 0
         self.functions: list[Known] = []
-        self.main = self._know(tree, None)
-        self.names = self._names_of_the_program()
+        self.main = self._know(tree, around.function if around is not None else None)
+        self.globals = frozenset(
+            part.target.name
+            for known in self.functions
+            for part in assignments(known.function.body)
+            if isinstance(part.target, Name) and part.scope == "global"
+        )
+        self.names = self.globals | self._names_of_the_program()
+        if around is not None:
+            self.names |= around.names
         for known in self.functions:
             self._bind(known)
         self._find_what_takes_time()
 
+    def around(self) -> Around:
+        """What the next statement finds that is added."""
+        bare = Known(_bare(self.main.function), self.main.code_name, {}, self.main.outer)
+        for name, known in self.main.inner.items():
+            bare.inner[name] = Known(
+                _bare(known.function), known.code_name, {}, None, takes_time=known.takes_time
+            )
+        return Around(self.names, bare, self._statements)
+
     def _know(self, function: Function, outer: Known | None) -> Known:
-        name = MAIN if outer is None else f"{outer.code_name.rstrip('_')}_{function.name}"
+        if not self.functions:
+            name = f"s{self._statements}_" if self._statements else MAIN
+        else:
+            assert outer is not None
+            name = f"{outer.code_name.rstrip('_')}_{function.name}"
         known = Known(function, name, {}, outer)
         self.functions.append(known)
         for inner in definitions(function.body):
@@ -84,10 +130,8 @@ class Scopes:
     def _names_of_the_program(self) -> frozenset[str]:
         names = {
             part.target.name
-            for known in self.functions
-            for part in assignments(known.function.body)
-            if isinstance(part.target, Name)
-            and (part.scope == "global" or (known is self.main and part.scope == ""))
+            for part in assignments(self.main.function.body)
+            if isinstance(part.target, Name) and part.scope == ""
         }
         names |= {part.name for part in loops_over_lists(self.main.function.body)}
         return frozenset(names)
@@ -123,6 +167,7 @@ class Scopes:
                 known is self.main
                 or known.function.kind == "thread"
                 or any(isinstance(part, While | For | OnThread) for part in statements(body))
+                or sum(1 for _ in statements(body)) > LONG
             )
             for call in calls(body):
                 callee = defined(known, call.name) if call.base is None else None
@@ -144,3 +189,8 @@ class Scopes:
             for known in self.functions:
                 if not known.takes_time and any(callee.takes_time for callee in known.callees):
                     known.takes_time = changed = True
+
+
+def _bare(function: Function) -> Function:
+    """A function without what it does."""
+    return replace(function, body=())

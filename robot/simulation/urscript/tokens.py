@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from .errors import ScriptSyntaxError
 
@@ -32,8 +31,7 @@ _TOKEN = re.compile(
 _MARK = re.compile(r"^[ \t]*\$[^\n]*", re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(NamedTuple):
     """A word of a program.
 
     Attributes:

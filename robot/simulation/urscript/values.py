@@ -2,7 +2,8 @@
 
 Booleans, 32-bit integers, floats, strings, lists, poses and structs; a list or a pose is copied when it is given to a
 variable. Whole numbers wrap around at 32 bits; a division always gives a float. Lists of numbers of the same length
-are added and subtracted item by item, and multiplied and divided by a number.
+are added and subtracted item by item, and multiplied and divided by a number. A list of lists of the same length is a
+matrix, and is multiplied as one.
 """
 
 from __future__ import annotations
@@ -12,10 +13,19 @@ import operator
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+import numpy as np
+import numpy.typing as npt
+
 from .errors import Refusal
 
 LONGEST = 10_000
-"""Most items of a list, and characters of a string."""
+"""Most items of a list, those of lists in it counted too."""
+
+LONGEST_STRING = 1023
+"""Most bytes of a string."""
+
+DEEPEST = 20
+"""Lists within one another."""
 
 
 class Pose(list[float]):
@@ -66,19 +76,57 @@ def copied(value: Value) -> Any:
         return value
     if of is Struct:
         return Struct({name: copied(item) for name, item in value.items()})
-    if of is list and value and type(value[0]) in _SHARED:
-        return [copied(item) for item in value]
-    return of(value)
+    if _SHARED.isdisjoint(map(type, value)):
+        return of(value)
+    return [copied(item) for item in value]
+
+
+def size(value: Value, deep: int = 0) -> int:
+    """Items of a value, those of lists in it counted too; 1 of what is no list.
+
+    Raises:
+        Refusal: it is deeper or larger than a value may be.
+    """
+    if type(value) not in _SHARED:
+        return 1
+    if deep > DEEPEST:
+        raise Refusal(f"lists are more than {DEEPEST} levels deep")
+    parts = value.values() if type(value) is Struct else value
+    found = 1 + len(parts)
+    if not _SHARED.isdisjoint(map(type, parts)):
+        for part in parts:
+            if type(part) in _SHARED:
+                found += size(part, deep + 1)
+                if found > LONGEST:
+                    break
+    if found > LONGEST + 1:
+        raise Refusal(f"a list has at most {LONGEST} items")
+    return found
+
+
+def listed(*parts: Value) -> list[Any]:
+    """[...], of copies.
+
+    Raises:
+        Refusal: it would be deeper or larger than a list may be.
+    """
+    found = list(parts)
+    if len(found) > LONGEST or not _SHARED.isdisjoint(map(type, found)):
+        size(found)
+        return copied(found)  # type: ignore[no-any-return]
+    return found
 
 
 def truth(value: Value) -> bool:
-    """A condition.
+    """A condition: a boolean, a number other than 0, a string that is not empty.
 
     Raises:
-        Refusal: it is no boolean.
+        Refusal: it is none of them.
     """
     if value is True or value is False:
         return value
+    if type(value) in _NUMBERS or type(value) is str:
+        return bool(value)
     raise Refusal(f"a condition must be True or False, not {kind(value)}")
 
 
@@ -99,6 +147,8 @@ def integer(value: Value, what: str = "a value") -> int:
     Raises:
         Refusal: it is none, or beyond 32 bits.
     """
+    if type(value) is int:
+        return value
     found = number(value, what)
     if not -(2.0**31) <= found < 2.0**31:
         raise Refusal(f"{what} is beyond 32 bits: {found:g}")
@@ -136,15 +186,52 @@ def _two(sign: str, of: Callable[[Any, Any], Any], a: Value, b: Value) -> Any:
 def _by_item(sign: str, of: Callable[[Any, Any], Any], a: list[Any], b: list[Any]) -> list[Any]:
     if len(a) != len(b):
         raise Refusal(f"lists of {len(a)} and {len(b)} items have no {sign}")
-    return [_two(sign, of, x, y) for x, y in zip(a, b, strict=True)]
+    return [of(x, y) for x, y in zip(a, b, strict=True)]
+
+
+def is_matrix(value: Value) -> bool:
+    """Whether it is a list of lists."""
+    return type(value) is list and bool(value) and type(value[0]) is list
+
+
+def array(value: Value, what: str) -> npt.NDArray[np.float64]:
+    """A list or a matrix of numbers, shape (n,) or (n, m).
+
+    Raises:
+        Refusal: it is none.
+    """
+    if type(value) not in (list, Pose) or not value:
+        raise Refusal(f"{what} must be a list of numbers, not {kind(value)}")
+    rows = value if is_matrix(value) else [value]
+    if any(type(row) not in (list, Pose) or len(row) != len(rows[0]) for row in rows):
+        raise Refusal(f"{what} must have rows of the same length")
+    found = np.array([[number(item, "an item") for item in row] for row in rows])
+    return found if rows is value else found[0]
+
+
+def _product(a: Value, b: Value) -> list[Any]:
+    """Of a matrix and a matrix or a list, or of a list and a matrix."""
+    left, right = array(a, "a matrix"), array(b, "a matrix")
+    if left.shape[-1] != right.shape[0]:
+        raise Refusal(f"{shape(a)} * {shape(b)} have no product")
+    found: list[Any] = (left @ right).tolist()
+    size(found)
+    return found
+
+
+def shape(value: Value) -> str:
+    """The size of a list or matrix, for messages."""
+    return f"a {len(value)} by {len(value[0])} matrix" if is_matrix(value) else f"a list of {len(value)}"
 
 
 def add(a: Value, b: Value) -> Any:
     """a + b."""
     if type(a) is float and type(b) is float:
         return a + b
+    if type(a) is int and type(b) is int:
+        return wrapped(a + b)
     if type(a) is list and type(b) is list:
-        return _by_item("+", operator.add, a, b)
+        return _by_item("+", add, a, b)
     return _two("+", operator.add, a, b)
 
 
@@ -153,7 +240,7 @@ def subtract(a: Value, b: Value) -> Any:
     if type(a) is float and type(b) is float:
         return a - b
     if type(a) is list and type(b) is list:
-        return _by_item("-", operator.sub, a, b)
+        return _by_item("-", subtract, a, b)
     return _two("-", operator.sub, a, b)
 
 
@@ -162,9 +249,11 @@ def multiply(a: Value, b: Value) -> Any:
     if type(a) is float and type(b) is float:
         return a * b
     if type(a) is list and type(b) in _NUMBERS:
-        return [_two("*", operator.mul, item, b) for item in a]
+        return [multiply(item, b) for item in a]
     if type(b) is list and type(a) in _NUMBERS:
-        return [_two("*", operator.mul, a, item) for item in b]
+        return [multiply(a, item) for item in b]
+    if (is_matrix(a) and type(b) is list) or (type(a) is list and is_matrix(b)):
+        return _product(a, b)
     return _two("*", operator.mul, a, b)
 
 
@@ -257,6 +346,8 @@ def put(base: Value, index: Value, value: Value) -> None:
     if not alike:
         raise Refusal(f"an item that is {kind(before)} cannot become {kind(value)}")
     base[at] = copied(value)
+    if type(value) in _SHARED:
+        size(base)
 
 
 def member(base: Value, name: str) -> Any:
@@ -274,13 +365,15 @@ def put_member(base: Value, name: str, value: Value) -> None:
     if type(before) is not type(value) and not (type(before) in _NUMBERS and type(value) in _NUMBERS):
         raise Refusal(f"member '{name}' is {kind(before)} and cannot become {kind(value)}")
     base[name] = copied(value)
+    if type(value) in _SHARED:
+        size(base)
 
 
 def written(value: Value) -> str:
-    """A value as `textmsg` and `to_str` write it."""
+    """A value as `textmsg` and `to_str` write it: floats to 6 decimals, without the zeros at their end."""
     of = type(value)
     if of is float:
-        return f"{value:.6g}" if math.isfinite(value) else str(value)
+        return f"{value:.6f}".rstrip("0").rstrip(".") if math.isfinite(value) else str(value)
     if of is Pose:
         return "p[" + ", ".join(map(written, value)) + "]"
     if of is list:

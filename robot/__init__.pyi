@@ -1,0 +1,15 @@
+from .errors import ArmError as ArmError
+from .errors import CellUnreachable as CellUnreachable
+from .errors import JournalError as JournalError
+from .errors import PortTakenError as PortTakenError
+from .errors import PumpError as PumpError
+from .errors import RobotError as RobotError
+from .errors import StoppedError as StoppedError
+from .evaluation import Evaluation as Evaluation
+from .evaluation import evaluate as evaluate
+from .journal import Journal as Journal
+from .journal import read_events as read_events
+from .journal import read_samples as read_samples
+from .printer import RunResult as RunResult
+from .printer import run as run
+from .supervisor import Progress as Progress

@@ -1,0 +1,263 @@
+"""What is said to the pump's drive and what it answers, by the register map. Every call of pymodbus is in this file.
+
+Drives with a heartbeat are written to in every exchange. The others take any request for a sign of life and are written
+what has changed, as a serial line has no time to spare.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from pymodbus import ModbusException
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.framer import FramerType
+
+from .pump_map import pump_map
+from .pump_words import Register, StatusBit
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from pymodbus.pdu import ModbusPDU
+
+    from planning import cell
+
+    from .pump_words import RegisterTable
+
+TIMEOUT = 0.1
+"""For one request, s; pymodbus would take 12 s by default to notice a mute drive."""
+
+HEARTBEAT_PERIOD = 0.1
+"""Wall time between two counts of the heartbeat, s; a drive watches for half a second or more."""
+
+STANDSTILL = 0.5
+"""Time that a drive without a bit for its trips may measure nothing while it should pump, beside its answer, s."""
+
+SETTLING = 0.5 * TIMEOUT
+"""Time that a late answer may take on a serial line, s."""
+
+_COUNTS = 1 << 16
+
+# It reports every late answer to a cancelled request as an error; what matters is told by the age of the last good one.
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)
+
+
+class NoGoodAnswerError(Exception):
+    """The drive did not answer, or refused, or answered with what makes no sense."""
+
+
+@dataclass(frozen=True)
+class PumpReading:
+    """One exchange with the drive.
+
+    Attributes:
+        command: flow that it was told, mm³/s.
+        flow: flow that it reports, mm³/s.
+        pressure: bar.
+        tripped: whether it has stopped by itself.
+    """
+
+    command: float = 0.0
+    flow: float = 0.0
+    pressure: float = 0.0
+    tripped: bool = False
+
+
+class PumpLink:
+    """A connection to the drive.
+
+    Args:
+        settings: address and register map.
+
+    Attributes:
+        map: the register map.
+        serial: whether there is a serial line behind the connection.
+        wrote: whether the last command had anything to write.
+    """
+
+    def __init__(self, settings: cell.Pump) -> None:
+        self.map = pump_map(settings)
+        self.serial = self.map.transport == "rtu over tcp"
+        self.wrote = False
+        self._settings = settings
+        self._client: AsyncModbusTcpClient | None = None
+        self._heartbeat, self._beat_at = 0, 0.0
+        self._written: dict[str, list[int]] = {}  # what the drive has taken, where that is remembered
+        self._moving_at = 0.0
+        self._settled_at = 0.0
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection; that says nothing of the drive."""
+        return self._client is not None and self._client.connected
+
+    async def connect(self) -> bool:
+        """Connect, and from then on reconnect by itself; whether it did the first time."""
+        self._client = AsyncModbusTcpClient(
+            self._settings.host,
+            port=self._settings.port,
+            framer=FramerType.RTU if self.serial else FramerType.SOCKET,
+            timeout=TIMEOUT,
+            retries=0,
+            reconnect_delay=0.05,
+            reconnect_delay_max=0.5,
+        )
+        return await self._client.connect()
+
+    def close(self) -> None:
+        """Disconnect."""
+        if self._client is not None:
+            self._client.close()
+
+    def forget(self) -> None:
+        """Write everything anew: it is not known what the drive has taken."""
+        self._written.clear()
+
+    async def command(self, flow: float) -> float:
+        """Tell the drive to give a flow; the flow that it was told, mm³/s.
+
+        Raises:
+            NoGoodAnswerError: it may not have taken it.
+            PumpError: the flow does not fit into its register.
+        """
+        at, commands = self.map.registers, self.map.commands
+        told = self.map.told(flow)
+        # A stop comes before the flow, a start after it: nothing runs at a flow that was left there.
+        values = {"command": [commands.forward if told else commands.stop], "set_flow": self.map.words(flow)}
+        if not told or at.heartbeat is not None:
+            self._written.clear()
+        values = {name: words for name, words in values.items() if self._written.get(name) != words}
+        self.wrote = bool(values)
+        for name in values:  # not known any more until the drive says so
+            self._written.pop(name, None)
+        places = {"command": at.command, "set_flow": at.set_flow}
+        names = sorted(values, key=lambda name: places[name].address)
+        together = len(names) == 2 and places[names[0]].addresses.stop == places[names[1]].address
+        words = [word for name in names for word in values[name]]
+        if together and len(words) <= self.map.words_at_once:
+            await self._write(places[names[0]].address, words)
+        else:
+            for name in sorted(values, reverse=bool(told)):
+                await self._write(places[name].address, values[name])
+        self._written.update(values)
+        return told
+
+    async def beat(self) -> None:
+        """Count the heartbeat, if it is due and the drive has one.
+
+        Raises:
+            NoGoodAnswerError: it may not have taken it.
+        """
+        at, now = self.map.registers.heartbeat, time.monotonic()
+        if at is not None and now - self._beat_at > HEARTBEAT_PERIOD:
+            self._heartbeat, self._beat_at = (self._heartbeat + 1) % _COUNTS, now
+            await self._write(at.address, [self._heartbeat])
+
+    async def measure(self, told: float) -> PumpReading:
+        """Read what the drive measures and how it is.
+
+        Raises:
+            NoGoodAnswerError: it did not say.
+        """
+        at, tripped = self.map.registers, self.map.states.tripped
+        wanted = [place for place in (at.measured_flow, at.pressure, tripped) if place is not None]
+        found = await self._read_words(wanted or [at.command])
+        flow = told if at.measured_flow is None else self.map.flow(_value(at.measured_flow, found))
+        pressure = 0.0 if at.pressure is None else _value(at.pressure, found)
+        if tripped is None:
+            return PumpReading(told, flow, pressure, self._stands(told, flow))
+        return PumpReading(told, flow, pressure, tripped.read(found[tripped.table, tripped.address]))
+
+    def _stands(self, told: float, flow: float) -> bool:
+        """Whether a drive that does not tell its trips stands where it should pump."""
+        now = time.monotonic()
+        if not self._moving_at or flow > 0.0 or told <= 0.0 or self.map.registers.measured_flow is None:
+            self._moving_at = now
+        patience = STANDSTILL + self._settings.dead_time_s + self._settings.lag_s
+        return now - self._moving_at > patience
+
+    async def _write(self, address: int, words: list[int]) -> None:
+        """Write neighbouring registers."""
+        assert self._client is not None
+        if self.map.words_at_once == 1:
+            answer = await self._good(self._client.write_register, address, words[0])
+        else:
+            answer = await self._good(self._client.write_registers, address, words)
+        if answer.function_code not in {6, 16} or answer.address != address:
+            raise NoGoodAnswerError("it answers another request")
+
+    async def _read_words(self, wanted: list[Register | StatusBit]) -> dict[tuple[str, int], int]:
+        """The words of some values, by table and address."""
+        found: dict[tuple[str, int], int] = {}
+        for table, first, count in self._requests(wanted):
+            words = await self._read_registers(table, first, count)
+            found |= {(table, first + i): word for i, word in enumerate(words)}
+        return found
+
+    def _requests(self, wanted: list[Register | StatusBit]) -> list[tuple[RegisterTable, int, int]]:
+        """As few reads as the map allows: table, first address and count of each.
+
+        What lies between two values is read along if the map knows it; a value is never cut in two.
+        """
+        requests: list[tuple[RegisterTable, int, int]] = []
+        for place in sorted(wanted, key=lambda place: (place.table, place.address)):
+            end = place.address + _count(place)
+            if requests:
+                table, first, count = requests[-1]
+                known = all((table, at) in self.map.addresses for at in range(first, end))
+                if place.table == table and known and end - first <= self.map.words_at_once:
+                    requests[-1] = (table, first, max(count, end - first))
+                    continue
+            requests.append((place.table, place.address, _count(place)))
+        return requests
+
+    async def _read_registers(self, table: RegisterTable, first: int, count: int) -> list[int]:
+        """Neighbouring registers from one request."""
+        assert self._client is not None
+        client = self._client
+        read = client.read_input_registers if table == "input" else client.read_holding_registers
+        await asyncio.sleep(self._settled_at - time.monotonic())
+        answer = await self._good(read, first, count=count)
+        if answer.function_code not in {3, 4} or len(answer.registers) != count:
+            raise NoGoodAnswerError("it answers another request")
+        return list(answer.registers)
+
+    async def _good(self, ask: Callable[..., Awaitable[ModbusPDU]], *values: Any, **named: Any) -> ModbusPDU:
+        """The answer to a request, if it is a good one."""
+        try:  # without a connection the call itself fails, not what it returns
+            answer = await ask(*values, device_id=self.map.device_id, **named)
+        except (ModbusException, OSError) as error:
+            self._unsettle()
+            raise NoGoodAnswerError(str(error)) from error
+        except asyncio.CancelledError:
+            self._unsettle()
+            raise
+        if answer.isError():
+            raise NoGoodAnswerError(f"it refuses with {answer}")
+        return answer
+
+    def _unsettle(self) -> None:
+        """Ask for nothing until a late answer has come, which on a serial line looks like any other."""
+        if self.serial:
+            self._settled_at = time.monotonic() + SETTLING
+
+
+def _count(place: Register | StatusBit) -> int:
+    return place.count if isinstance(place, Register) else 1
+
+
+def _value(register: Register, found: dict[tuple[str, int], int]) -> float:
+    """A value from the words that were read.
+
+    Raises:
+        NoGoodAnswerError: they are no number.
+    """
+    value = register.decode([found[register.table, address] for address in register.addresses])
+    if not math.isfinite(value):
+        raise NoGoodAnswerError(f"register {register.address} holds no number")
+    return value

@@ -1,0 +1,1 @@
+"""Simulated pumps without a robot, for the tests of their drives."""

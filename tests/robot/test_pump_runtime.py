@@ -1,0 +1,169 @@
+"""The pump's runtime against the simulated drive, with every map: it is led, stopped at once, and watched."""
+
+import asyncio
+import time
+
+import pytest
+from pumps.alone import cell_file, pump_alone
+
+from planning import load_cell
+from robot.errors import CellUnreachable, PumpError
+from robot.pump import LOSS, Pump
+from robot.simulation import Fault
+
+HOST = "127.0.34.30"
+FLOW = 9000.0
+SERVED = [
+    ("generic", "tcp"),
+    ("generic", "rtu over tcp"),
+    ("m-tec-p20", "rtu over tcp"),
+    ("accelerator-doser", "tcp"),
+]
+timed = pytest.mark.flaky(reruns=2)
+
+
+@pytest.fixture(scope="module", params=SERVED, ids=" ".join)
+def drive(request, tmp_path_factory):
+    name, transport = request.param
+    path = cell_file(
+        tmp_path_factory.mktemp("cell"),
+        name,
+        host=HOST,
+        transport=transport,
+        period_s=0.02,
+        dead_time_s=0.05,
+        lag_s=0.05,
+    )
+    with pump_alone(HOST, path) as alone:
+        yield alone
+
+
+class Led:
+    """A pump that is being led, and what it has told."""
+
+    def __init__(self, settings):
+        self.readings, self.failures = [], []
+        self.pump = Pump(settings, read=self.readings.append, failed=self._fail)
+
+    def _fail(self, why):
+        self.failures.append((time.monotonic(), why))
+
+    async def __aenter__(self):
+        await self.pump.start()
+        return self
+
+    async def __aexit__(self, *error):
+        await self.pump.close()
+
+    async def flow(self, flow, seconds):
+        for _ in range(round(seconds / 0.01)):
+            self.pump.set(flow)
+            await asyncio.sleep(0.01)
+
+    async def until_failed(self, limit=2.0):
+        async with asyncio.timeout(limit):
+            while not self.failures:
+                self.pump.set(FLOW)
+                await asyncio.sleep(0.005)
+        return self.failures[0]
+
+
+@timed
+def test_it_is_led_and_stopped_at_once(drive):
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.6)
+            told = drive.report()
+            assert told["state"] == "forward"
+            assert told["speed"] == pytest.approx(FLOW, rel=0.01)
+            assert led.readings[-1].command == pytest.approx(told["speed"], rel=1e-6)
+            assert led.readings[-1].flow == pytest.approx(FLOW, rel=0.02)
+            await led.flow(0.5 * FLOW, 0.2)
+            assert drive.report()["speed"] == pytest.approx(0.5 * FLOW, rel=0.01)
+            await led.flow(0.0, 0.1)
+            assert drive.report()["state"] == "ready"
+            await led.flow(FLOW, 0.2)
+            began = time.monotonic()
+            led.pump.stop()
+            led.pump.set(FLOW)
+            while drive.report()["state"] == "forward":
+                assert time.monotonic() - began < 0.1
+                await asyncio.sleep(0.001)
+            await led.flow(FLOW, 0.2)
+            assert drive.report()["speed"] == 0.0
+            assert not led.failures
+
+    asyncio.run(lead())
+    assert drive.report()["state"] == "ready"
+
+
+@timed
+@pytest.mark.parametrize("fault", [Fault.PUMP_MUTE, Fault.PUMP_EXCEPTION, Fault.PUMP_RESET, Fault.PUMP_TRIP])
+def test_a_drive_that_fails_is_noticed(drive, fault):
+    lifted = {
+        Fault.PUMP_MUTE: Fault.PUMP_UNMUTE,
+        Fault.PUMP_EXCEPTION: Fault.PUMP_CLEAR_EXCEPTION,
+        Fault.PUMP_TRIP: Fault.PUMP_RESET_TRIP,
+    }
+
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.3)
+            at = drive.inject(fault, **({"code": 4} if fault is Fault.PUMP_EXCEPTION else {}))["wall"]
+            if fault is Fault.PUMP_RESET:  # it connects again by itself, and nobody is the wiser
+                await led.flow(FLOW, 0.4)
+                assert not led.failures
+                assert drive.report()["state"] == "forward"
+                return
+            noticed, why = await led.until_failed()
+            assert noticed - at < LOSS + 0.1
+            assert ("tripped" if fault is Fault.PUMP_TRIP else "no good answer") in why
+            drive.inject(lifted[fault])
+
+    try:
+        asyncio.run(lead())
+    finally:
+        if fault in lifted:
+            drive.inject(lifted[fault])
+    assert drive.report()["speed"] == 0.0
+
+
+def test_a_slow_line_is_led_too(drive):
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+                await led.flow(share * FLOW, 0.2)
+            assert not led.failures
+            assert drive.report()["speed"] == pytest.approx(FLOW, rel=0.01)
+            assert 0.015 < led.pump.latency < 0.2
+            began = time.monotonic()
+            led.pump.stop()
+            while drive.report()["state"] == "forward":
+                assert time.monotonic() - began < 0.2
+                await asyncio.sleep(0.001)
+
+    drive.inject(Fault.PUMP_SLOW, seconds=0.013)  # a request of 8 bytes and its answer at 19200 baud
+    try:
+        asyncio.run(lead())
+    finally:
+        drive.inject(Fault.PUMP_SLOW, seconds=0.0)
+
+
+def test_another_device_gives_no_good_answer(drive):
+    if drive.map.name != "generic":
+        pytest.skip("it takes its time, and is alike with every map of a transport")
+    led = Led(drive.cell.pump)
+    led.pump._link.map = led.pump._link.map.model_copy(update={"device_id": 77})
+    with pytest.raises(CellUnreachable, match=r"no good answer within 3 s.*device id 77 and register map"):
+        asyncio.run(led.pump.start())
+
+
+def test_a_period_too_long_for_the_drive_is_refused(tmp_path):
+    path = tmp_path / "nervous.toml"
+    path.write_text(
+        'name = "nervous"\nkeep_alive_s = 0.1\n[registers]\ncommand = { address = 0 }\nset_flow = { address = 1 }\n'
+    )
+    settings = load_cell("ur10e-demo").pump.model_copy(update={"registers": str(path), "period_s": 0.06})
+    led = Led(settings)
+    with pytest.raises(PumpError, match=r"pump 'nervous'.*every 0.1 s.*period_s of 0.06 s"):
+        asyncio.run(led.pump.start())
