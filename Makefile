@@ -4,6 +4,9 @@ PYTHON ?= $(shell for p in python3.12 python3.11 python3; do \
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
+# Tests start hundreds of processes of this project: none of them is to compile its modules again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test lint format soak bench clean
 
 demo: $(INSTALLED)
@@ -17,7 +20,7 @@ REAL_TIME := tests/robot/live
 AGAIN := --reruns 2 --only-rerun "has been silent for"
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore=$(JOB) --ignore=$(REAL_TIME)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 --ignore=$(JOB) --ignore=$(REAL_TIME)
 	@$(BIN)/python -m pytest $(AGAIN) $(JOB) & job=$$!; \
 	$(BIN)/python -m pytest $(AGAIN) $(REAL_TIME); passed=$$?; wait $$job && exit $$passed
 

@@ -12,14 +12,15 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
-from pytetwild.pytetwild import tetrahedralize
-
 
 def main(source: Path, target: Path) -> None:
     """Read points, faces and parameters from `source`, write the points and tetrahedra to `target`."""
     _die_with_parent()
     _die_first()
+    # Loading takes a second, in which a parent may be killed; it has to be followed from the start.
+    import numpy as np  # noqa: PLC0415
+    from pytetwild.pytetwild import tetrahedralize  # noqa: PLC0415
+
     with np.load(source, allow_pickle=False) as given:
         points, tets = tetrahedralize(
             np.ascontiguousarray(given["points"], dtype=np.float64),

@@ -137,7 +137,7 @@ def load(robots, frequency, seconds):
     failed, calls = (sum(found.get(key, 0) for found in said) for key in ("failed", "calls"))
     print(f"  servoL    {calls} calls, {failed} refused")
     shares = [(b - a) / elapsed for a, b in zip(before, after, strict=True)]
-    print("  CPU       " + ", ".join(f"{share:.0%}" for share in shares) + " of one core per controller")
+    print("  CPU       " + ", ".join(f"{share:.1%}" for share in shares) + " of one core per controller")
 
 
 def main():

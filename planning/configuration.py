@@ -10,7 +10,7 @@ import difflib
 import json
 import tomllib
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -95,6 +95,8 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
         near = difflib.get_close_matches(location[-1], keys, n=1)
         hint = f"; did you mean '{near[0]}'?" if near else ""
         return f"there is no key '{key}'{hint} (keys: {', '.join(keys)})"
+    if problem["type"] == "missing" and location[-1].isdigit():
+        return f"key '{'.'.join(location[:-1])}' has {location[-1]} entries, and more are needed"
     if problem["type"] == "missing":
         return f"key '{key}' is missing (keys: {', '.join(keys)})"
     return f"key '{key}': {problem['msg'].removeprefix('Value error, ')}, got {problem['input']!r}"
@@ -103,8 +105,16 @@ def _explain(model: type[BaseModel], error: ValidationError) -> str:
 def _keys_at(model: type[BaseModel], location: list[str]) -> list[str]:
     for part in location:
         found = model.model_fields.get(part)
-        annotation = found.annotation if found else None
-        if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
-            break
-        model = annotation
+        if found is not None:
+            inner = _table_in(found.annotation)
+            if inner is None:
+                break
+            model = inner
     return list(model.model_fields)
+
+
+def _table_in(annotation: Any) -> type[BaseModel] | None:
+    """The table that a field holds: by itself, as one that may be missing, or in an array."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_table_in, get_args(annotation))), None)

@@ -8,7 +8,6 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation, Slerp
 
 from twins import Toolpath
 
@@ -19,6 +18,7 @@ from .errors import ProgramError
 from .finding import Finding, Severity
 from .kinematics import arm
 from .mix import Mix
+from .pose import rotation_from_vector, vector_from_rotation
 from .program import MOVES_MAX, Program, SegmentKind
 
 Array = npt.NDArray[np.float64]
@@ -125,7 +125,8 @@ def _way_between(program: Program, cell: Cell) -> Iterator[Finding]:
                 continue
             share = np.linspace(0.0, 1.0, count + 1)
             poses = np.tile(np.eye(4), (count + 1, 1, 1))
-            poses[:, :3, :3] = Slerp([0.0, 1.0], Rotation.from_matrix(ends[:, :3, :3]))(share).as_matrix()
+            turned = vector_from_rotation(ends[0, :3, :3].T @ ends[1, :3, :3])
+            poses[:, :3, :3] = ends[0, :3, :3] @ rotation_from_vector(share[:, None] * turned)
             poses[:, :3, 3] = ends[0, :3, 3] + share[:, None] * (ends[1, :3, 3] - ends[0, :3, 3])
             joints = branch_from(model, poses @ flange, program.joints[i - 1])
             lost = np.isnan(joints).any(axis=1)

@@ -2,24 +2,31 @@
 
 A single task exchanges command and measurement with the drive, by the period or as soon as the set-point has
 changed noticeably. There is no queue: what it sends is the newest set-point there is. A stop cuts short the
-exchange that is under way and sends a zero next, and nothing but zeros from then on. Whether the drive lives is
-judged by the age of its last good answer; an open connection says nothing.
+exchange that is under way and sends a zero next, and nothing but zeros from then on, until the drive shows that it has
+heard. Whether the drive lives is judged by the age of its last good answer; an open connection says nothing.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
+import math
 import time
 from collections.abc import Callable
 
 from planning import cell
 
 from .errors import CellUnreachable, PumpError
+from .pump_judge import FAINT, PumpJudge
 from .pump_link import TIMEOUT, NoGoodAnswerError, PumpLink, PumpReading
 
 LOSS = 0.25
 """Age of the last good answer at which the drive is lost, s of wall time."""
+
+STOPPING = 0.5
+"""Time to confirm a stop, beside the drive's answer, s."""
+
+SLOWER = 0.9
+"""Share of the flow before a stop below which it is seen to be obeyed."""
 
 CONNECT_LIMIT = 3.0
 """Time for the drive to answer at first, s."""
@@ -48,7 +55,7 @@ class Pump:
     Args:
         settings: address, register map, period and largest flow.
         read: called with every good answer.
-        failed: called once when the drive is lost, refuses or trips, with a sentence.
+        failed: called once when the drive is lost, refuses, trips or does not do what it is told, with a sentence.
 
     Attributes:
         latency: mean wall time from a set-point until it acts in the drive, s; half of its stay there is included.
@@ -61,15 +68,20 @@ class Pump:
         self._settings, self._read, self._failed = settings, read, failed
         self._where = f"the pump at {settings.host}:{settings.port}"
         self._link = PumpLink(settings)
+        self._judge = PumpJudge(settings, self._link.map)
         self._noticeable = NOTICEABLE * settings.flow_max
         self._wanted, self._wanted_since = 0.0, 0.0
         self._sent = 0.0
+        self._pumped = 0.0  # flow that was measured before the last stop
+        self._stands = True
+        self._shown = ""
+        self._patience_ends = math.inf
         self._stopped = self._closing = self._complained = False
         self._wake = asyncio.Event()
         self._answered = 0.0
         self._trouble = "no answer"
         self._task: asyncio.Task[None] | None = None
-        self._judge_task: asyncio.Task[None] | None = None
+        self._watch_task: asyncio.Task[None] | None = None
         self._exchange_task: asyncio.Task[PumpReading | None] | None = None
 
     async def start(self) -> None:
@@ -96,8 +108,8 @@ class Pump:
         if reading.tripped:
             raise PumpError(f"{self._where} has tripped; reset it at the drive")
         self._task = asyncio.create_task(self._serve())
-        self._judge_task = asyncio.create_task(self._judge())
-        for task in (self._task, self._judge_task):
+        self._watch_task = asyncio.create_task(self._watch())
+        for task in (self._task, self._watch_task):
             task.add_done_callback(self._ended)
 
     async def _first_exchange(self) -> PumpReading:
@@ -133,25 +145,45 @@ class Pump:
         self._wake.set()
 
     async def close(self) -> None:
-        """Tell the drive to stand, and disconnect."""
+        """Tell the drive to stand until it shows that it has heard, and disconnect.
+
+        Raises:
+            PumpError: it does not show it; it may still be pumping.
+        """
         self.stop()
         # Asked, not cancelled: a cancellation that meets an arriving answer is lost in the client.
         self._closing = True
-        if self._judge_task is not None:
-            self._judge_task.cancel()
+        if self._watch_task is not None:
+            self._watch_task.cancel()
         if self._task is not None:
             await asyncio.gather(self._task, return_exceptions=True)
-        if self._link.connected:
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(LOSS):
-                    await self._stand()
+        if self._link.connected or not self._stands:
+            standing = self._exchange_task or asyncio.create_task(self._stand())
+            answer = self._settings.dead_time_s + self._settings.lag_s
+            self._patience_ends = time.monotonic() + (LOSS if self._stands else STOPPING + answer)
+            await asyncio.gather(standing, return_exceptions=True)
         self._link.close()
+        if not self._stands:
+            raise PumpError(
+                f"{self._where} (map '{self._link.map.name}', device {self._link.map.device_id}) has not confirmed "
+                f"that it stops ({self._shown or self._trouble}) and may still be pumping: stop it at the drive or by "
+                "the emergency stop"
+            )
 
-    async def _stand(self) -> PumpReading:
-        """Tell the drive to stand until it has heard."""
-        while (reading := await self._try_exchange(0.0)) is None:  # noqa: ASYNC110 - each round asks the drive
+    async def _stand(self) -> PumpReading | None:
+        """Tell the drive to stand until it shows that it has heard, or patience ends."""
+        while time.monotonic() < self._patience_ends:
+            reading = await self._try_exchange(0.0)
+            if reading is not None and self._stands:
+                return reading
             await asyncio.sleep(LOOK_PERIOD)
-        return reading
+        return None
+
+    def _obeys(self, reading: PumpReading) -> bool:
+        """Whether a drive that was told to stand shows that it does, or at least that it becomes slower."""
+        if reading.running is False or reading.flow < SLOWER * self._pumped:
+            return True
+        return reading.running is None and reading.flow <= FAINT * self._settings.flow_max
 
     async def _serve(self) -> None:
         loop = asyncio.get_running_loop()
@@ -166,10 +198,13 @@ class Pump:
             reading = await self._interruptible_exchange()
             if reading is not None:
                 self._read(reading)
+                fault = self._judge.fault(reading, time.monotonic())
                 if reading.tripped:
                     self._complain(f"{self._where} has tripped; look at the drive")
+                elif fault is not None and not self._stopped:
+                    self._complain(f"{self._where} {fault}")
 
-    async def _judge(self) -> None:
+    async def _watch(self) -> None:
         """Look at the age of the last good answer, also while a request is waiting for its own."""
         looked = self._answered = time.monotonic()
         excused = False
@@ -210,6 +245,9 @@ class Pump:
         """One exchange, or None where the drive did not answer well."""
         began = time.monotonic()
         since = self._wanted_since
+        if self._stands and self._link.map.told(flow):
+            self._stands, self._pumped = False, 0.0
+        self._shown = ""
         try:
             told = await self._link.command(flow)
             written = time.monotonic()
@@ -223,6 +261,12 @@ class Pump:
             return None
         if self._link.wrote:
             self._note_latency(since, began, written)
+        if told:
+            self._pumped = reading.flow
+        elif not self._stands:
+            self._stands = self._obeys(reading)
+            runs = " and says that it runs" if reading.running else ""
+            self._shown = f"it answers, measures {reading.flow:g} mm³/s{runs}"
         self._sent = flow
         self._answered = time.monotonic()
         return reading

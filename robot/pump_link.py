@@ -35,9 +35,6 @@ TIMEOUT = 0.1
 HEARTBEAT_PERIOD = 0.1
 """Wall time between two counts of the heartbeat, s; a drive watches for half a second or more."""
 
-STANDSTILL = 0.5
-"""Time that a drive without a bit for its trips may measure nothing while it should pump, beside its answer, s."""
-
 SETTLING = 0.5 * TIMEOUT
 """Time that a late answer may take on a serial line, s."""
 
@@ -60,12 +57,18 @@ class PumpReading:
         flow: flow that it reports, mm³/s.
         pressure: bar.
         tripped: whether it has stopped by itself.
+        running: whether it says that it runs; None where it is not asked.
+        beat: count of the heartbeat that it was last written.
+        echo: count that it shows there; None where it is not asked.
     """
 
     command: float = 0.0
     flow: float = 0.0
     pressure: float = 0.0
     tripped: bool = False
+    running: bool | None = None
+    beat: int = 0
+    echo: int | None = None
 
 
 class PumpLink:
@@ -88,8 +91,8 @@ class PumpLink:
         self._client: AsyncModbusTcpClient | None = None
         self._heartbeat, self._beat_at = 0, 0.0
         self._written: dict[str, list[int]] = {}  # what the drive has taken, where that is remembered
-        self._moving_at = 0.0
         self._settled_at = 0.0
+        self._asked = self._worth_asking()
 
     @property
     def connected(self) -> bool:
@@ -164,22 +167,38 @@ class PumpLink:
         Raises:
             NoGoodAnswerError: it did not say.
         """
-        at, tripped = self.map.registers, self.map.states.tripped
-        wanted = [place for place in (at.measured_flow, at.pressure, tripped) if place is not None]
-        found = await self._read_words(wanted or [at.command])
-        flow = told if at.measured_flow is None else self.map.flow(_value(at.measured_flow, found))
-        pressure = 0.0 if at.pressure is None else _value(at.pressure, found)
-        if tripped is None:
-            return PumpReading(told, flow, pressure, self._stands(told, flow))
-        return PumpReading(told, flow, pressure, tripped.read(found[tripped.table, tripped.address]))
+        asked = self._asked
+        found = await self._read_words(list(asked.values()))
 
-    def _stands(self, told: float, flow: float) -> bool:
-        """Whether a drive that does not tell its trips stands where it should pump."""
-        now = time.monotonic()
-        if not self._moving_at or flow > 0.0 or told <= 0.0 or self.map.registers.measured_flow is None:
-            self._moving_at = now
-        patience = STANDSTILL + self._settings.dead_time_s + self._settings.lag_s
-        return now - self._moving_at > patience
+        def number(name: str, otherwise: float) -> float:
+            place = asked.get(name)
+            return _value(place, found) if isinstance(place, Register) else otherwise
+
+        def state(name: str) -> bool | None:
+            place = asked.get(name)
+            return place.read(found[place.table, place.address]) if isinstance(place, StatusBit) else None
+
+        return PumpReading(
+            command=told,
+            flow=self.map.flow(number("measured_flow", told / self.map.flow_factor)),
+            pressure=number("pressure", 0.0),
+            tripped=bool(state("tripped")),
+            running=state("running"),
+            beat=self._heartbeat,
+            echo=round(number("heartbeat", 0.0)) if "heartbeat" in asked else None,
+        )
+
+    def _worth_asking(self) -> dict[str, Register | StatusBit]:
+        """What is read in every exchange, by name; some of it only where that takes no request of its own."""
+        at, states = self.map.registers, self.map.states
+        always = {"measured_flow": at.measured_flow, "pressure": at.pressure, "tripped": states.tripped}
+        asked = {name: place for name, place in always.items() if place is not None}
+        for name, place in {"running": states.running, "heartbeat": at.heartbeat}.items():
+            if place is not None:
+                requests = self._requests([*asked.values(), place])
+                if len(requests) == max(len(self._requests(list(asked.values()))), 1):
+                    asked[name] = place
+        return asked or {"command": at.command}
 
     async def _write(self, address: int, words: list[int]) -> None:
         """Write neighbouring registers."""

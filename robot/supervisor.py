@@ -76,6 +76,7 @@ class Supervisor:
         self._journal, self._progress = journal, progress
         self._calibration = Calibration(cell.pump.dead_time_s, cell.pump.lag_s, cell.pump.flow_max)
         self._error: RobotError | None = None
+        self._unstopped: PumpError | None = None
         self._connecting: asyncio.Task[None] | None = None
         self._news = asyncio.Event()
         self._state: RobotState | None = None
@@ -98,6 +99,21 @@ class Supervisor:
         self._arm = Arm(cell.robot.host, cell.robot.acceleration, heard=self._hear, lost=self._lose_arm)
 
     async def run(self) -> None:
+        """Print.
+
+        Raises:
+            RobotError: the print was stopped, or the pump has not confirmed that it stops.
+        """
+        try:
+            await self._supervise()
+        except Exception as error:
+            if self._unstopped is None:
+                raise
+            raise PumpError(f"{error}; {self._unstopped}") from error
+        if self._unstopped is not None:
+            raise self._unstopped
+
+    async def _supervise(self) -> None:
         patrol: asyncio.Task[None] | None = None
         with self._interruptible():
             try:
@@ -116,10 +132,19 @@ class Supervisor:
                 if patrol is not None:
                     patrol.cancel()
                 await self._arm.close()
-                await self._pump.close()
+                await self._shut()
                 self._listener.close()
                 with self._journalling():
                     self._sampler.flush()
+
+    async def _shut(self) -> None:
+        """End the pump's task; a pump that may still run is what the operator has to know first."""
+        try:
+            await self._pump.close()
+        except PumpError as error:
+            self._unstopped = error
+            with contextlib.suppress(JournalError):
+                self._journal.event("pump", str(error), self._now)
 
     async def _connect(self) -> None:
         """Connect to robot and pump, and start the arm process; a stop cuts it short."""
@@ -297,6 +322,8 @@ class Supervisor:
     def _interruptible(self) -> Iterator[None]:
         """Ctrl-C, a closed terminal and a request to terminate stop the print, and do not end this process."""
         loop = asyncio.get_running_loop()
+        with contextlib.suppress(ValueError):  # some libraries let a closed connection end the process
+            signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         added = []
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             with contextlib.suppress(ValueError, RuntimeError):  # only the main thread is sent signals

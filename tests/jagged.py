@@ -22,7 +22,7 @@ def jagged(seed):
         outline = shapely.Polygon(points)
         if outline.is_valid:
             points = shapely.get_coordinates(shapely.geometry.polygon.orient(outline))[:-1]
-            return points[::-1] if seed % 7 == 0 else points
+            return np.ascontiguousarray(points[::-1]) if seed % 7 == 0 else points
 
 
 def divided(points, length, closed=True):

@@ -54,7 +54,7 @@ def demo(out: Path, time_scale: float, console: Console) -> None:
     printed = print_job(job, console, simulate=True, time_scale=time_scale)
     say(
         f"deposited {printed['deposited_volume_l']:.4f} L, {printed['travel_volume_l']:.5f} L of it on travels; "
-        f"{100 * printed['waypoints_passed']:.1f} % of print waypoints passed within 1 mm"
+        f"{100 * printed['share_of_waypoints_passed']:.1f} % of print waypoints passed within 1 mm"
     )
     fea = fea_job(job, console)
     say(f"FEA model: {fea['elements']} elements in {fea['layers']} layers")

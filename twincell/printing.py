@@ -23,7 +23,7 @@ MEASURED = (
     "deposited_volume_l",
     "travel_volume_l",
     "worst_deviation_mm",
-    "waypoints_passed",
+    "share_of_waypoints_passed",
 )
 """What `summary.json` says of a run; nothing until it is complete."""
 
@@ -75,7 +75,7 @@ def print_job(
         "deposited_volume_l": round(result.deposited_volume * 1e-6, 6),
         "travel_volume_l": round(result.travel_volume * 1e-6, 6),
         "worst_deviation_mm": round(result.worst_deviation, 4),
-        "waypoints_passed": round(result.passed, 4),
+        "share_of_waypoints_passed": round(result.passed, 4),
     }
     write_summary(job.report, values)
     return values

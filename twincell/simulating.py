@@ -34,7 +34,8 @@ def simulate_cell(cell: str, console: Console, **options: Any) -> None:
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     with SimulatedCell.start(cell, **options) as simulated:
         say(
-            f"simulated cell at {simulated.host}: robot on 30004 (RTDE), 29999, 30001 to 30003; "
+            f"simulated cell at {simulated.host}: robot, version {options.get('version', '5.12')}, "
+            f"on 30004 (RTDE), 29999, 30001 to 30003; "
             f"pump on {simulated.pump_port}; time scale {simulated.time_scale:g}; Ctrl-C ends it"
         )
         with contextlib.suppress(KeyboardInterrupt):

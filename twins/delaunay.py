@@ -287,7 +287,8 @@ def _conforming(
         across[k + 1, 0] = (k + 2) % 3 + 1
         across[k + 1, 1] = (k + 1) % 3 + 1
     at[a], at[b], at[c] = 0, 0, 0
-    count, last = 4, 0
+    last = at[a]
+    count = 4 + last  # 4, but no constant: each constant in a call would be compiled on its own
     for i in range(2, n):
         if i == third:
             continue

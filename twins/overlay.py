@@ -73,7 +73,7 @@ def overlay_tetrahedra(lower: Region, upper: Region) -> tuple[Indices, npt.NDArr
 
     First those on the triangles of the lower region, in their order, then those under the upper's, then the others.
     """
-    return _overlay(lower.diagram, upper.diagram, 1)
+    return _overlay(lower.diagram, upper.diagram, 1, 0)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -236,8 +236,8 @@ def _crossings(
 
 
 @nb.njit(cache=True, nogil=True)
-def _overlay(A: Diagram, B: Diagram, shift: int) -> tuple[Indices, npt.NDArray[np.int8]]:
-    # The shift, always 1, comes from outside: each constant in a call would be compiled on its own.
+def _overlay(A: Diagram, B: Diagram, shift: int, m: int) -> tuple[Indices, npt.NDArray[np.int8]]:
+    # The shift, always 1, and m, always 0, come from outside: each constant in a call would be compiled on its own.
     above = _nearest_of_all(A, B, shift)
     below = _nearest_of_all(B, A, -shift)
     before_a, before_b = np.empty(len(A.P), np.int64), np.empty(len(B.P), np.int64)
@@ -246,7 +246,6 @@ def _overlay(A: Diagram, B: Diagram, shift: int) -> tuple[Indices, npt.NDArray[n
     n = len(A.P)
     capacity = 4 * (len(A.inner) + len(B.inner)) + 64
     tets, threshold = np.empty((capacity, 4), np.int64), np.empty(capacity, np.int8)
-    m = 0
     for t in A.inner:
         v = above[t]
         for k in range(3):

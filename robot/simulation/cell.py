@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import math
 import os
 import select
@@ -128,6 +129,8 @@ class SimulatedCell:
             load_fault_script(script)
         path = Path(find_configuration("cells", str(cell))).resolve()
         simulated = cls(path, host=host, time_scale=time_scale)
+        for address in (simulated.host, simulated.pump_host):
+            _check_loopback(address)
         controller: dict[str, object] = {
             "version": version,
             "start-delay": start_delay,
@@ -240,12 +243,28 @@ def _options(values: dict[str, object]) -> list[str]:
     return [f"--{name}={value}" for name, value in values.items() if value is not None]
 
 
+def _check_loopback(address: str) -> None:
+    """Whoever reaches the ports may move the robot and run programs: nobody else is to reach them.
+
+    Raises:
+        RobotError: the address is not this machine's alone.
+    """
+    with contextlib.suppress(ValueError):  # a name; whether it is this machine's shows when a port is opened
+        if not ipaddress.ip_address(address).is_loopback:
+            raise RobotError(
+                f"{address} is no loopback address, and a simulated cell is at nothing else; "
+                "give `host`, such as 127.0.0.1"
+            )
+
+
 def _folder(path: str | Path) -> Path:
     folder = Path(path).resolve()
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RobotError(f"{folder}: no folder for traces: {error.strerror}") from error
+    if (folder / ROBOT_FILE).exists() or (folder / PUMP_FILE).exists():
+        raise RobotError(f"{folder}: holds the traces of another cell; name another folder, or remove them")
     return folder
 
 

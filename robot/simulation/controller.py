@@ -24,7 +24,7 @@ from robot.simulation.interfaces.state_stream import READ_ONLY
 from robot.simulation.motions.streaming import standing
 from robot.simulation.programs.translating import Translator
 
-from .clock import ProcessClock
+from .clock import CycleSelector, ProcessClock
 from .controller_faults import RefusingDashboard, effects
 from .fault_plan import FaultPlan
 from .fault_script import FaultScript, load_fault_script, with_seed
@@ -34,7 +34,7 @@ from .lifetime import arguments, run, told_of_taken_ports, until_ended
 from .machine import Machine
 from .power import Power, RobotMode
 from .robot_trace import RobotTrace
-from .versions import cycle_time
+from .versions import SIMULATED, cycle_time
 
 if TYPE_CHECKING:
     import argparse
@@ -105,7 +105,8 @@ class Controller:
         self.machine = machine
         self.rtde = RtdeServer(machine)
         self.machine.power.seconds = self._settings.power_delay
-        self.scripts = script_ports.ScriptPorts(machine, self._translator, self._start_delay)
+        remote = self._settings.dashboard.remote
+        self.scripts = script_ports.ScriptPorts(machine, self._translator, self._start_delay, remote=remote)
         self.dashboard = RefusingDashboard(machine, self.scripts.start, self._settings.dashboard)
         self.statements = interpreter_port.InterpreterPort(machine)
         machine.rtde_value = partial(rtde_value, machine)
@@ -197,6 +198,9 @@ def _version(text: str) -> tuple[int, int, int, int]:
         numbers = []
     if not 2 <= len(numbers) <= 4:
         raise ConfigurationError(f"--version {text}: a PolyScope version looks like 5.12 or 5.12.4.1101234")
+    if not any(first <= tuple(numbers[:2]) <= last for first, last in SIMULATED):
+        known = " or ".join(f"{a}.{b} to {c}.{d}" for (a, b), (c, d) in SIMULATED)
+        raise ConfigurationError(f"--version {text}: there is no such PolyScope here; there are {known}")
     major, minor, bugfix, build = (*numbers, 0, 0)[:4]
     return major, minor, bugfix, build
 
@@ -249,7 +253,7 @@ def main() -> int:
         default=0.0,
         help="process seconds until a protective stop can be unlocked; a real controller's are 5",
     )
-    return run(_main(parser.parse_args()), "controller")
+    return run(_main(parser.parse_args()), "controller", CycleSelector)
 
 
 if __name__ == "__main__":

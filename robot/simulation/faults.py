@@ -245,7 +245,7 @@ def inject(host: str, fault: Fault | str, timeout: float = 1.0, **values: float)
         fault = named(fault)
     except ValueError as error:
         raise RobotError(f"'{fault}': {error}") from None
-    port = PUMP_PORT if fault.value.startswith("pump") else CONTROLLER_PORT
+    _, port = _taker(fault)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         asking.settimeout(timeout)
         try:
@@ -257,8 +257,13 @@ def inject(host: str, fault: Fault | str, timeout: float = 1.0, **values: float)
                 f"{host}: port {port} does not answer '{fault}'; is a simulated cell running there?"
             ) from error
     if "error" in answer:
-        raise RobotError(f"{host}: '{fault}' refused: {answer['error']}")
+        raise RobotError(f"{host}: refused: {answer['error']}")
     return answer
+
+
+def _taker(fault: Fault) -> tuple[str, int]:
+    """Whose fault it is, and the port that takes it."""
+    return ("pump", PUMP_PORT) if fault.value.startswith("pump") else ("robot", CONTROLLER_PORT)
 
 
 Effect = Callable[[dict[str, Any]], dict[str, Any] | None]
@@ -292,9 +297,13 @@ class FaultPort(asyncio.DatagramProtocol):
             asked = None
         if not isinstance(asked, dict) or "fault" not in asked:
             raise ValueError('send one JSON object, {"fault": NAME} with the values that it takes')
-        name = asked.pop("fault")
-        if not isinstance(name, str) or name not in {fault.value for fault in self._faults}:
-            raise ValueError(f"no such fault here; there are {', '.join(sorted(self._faults))}")
-        fault = Fault(name)
-        answer = self._faults[fault](checked(fault, asked)) or {}
+        fault = named(asked.pop("fault"))
+        if fault not in self._faults:
+            whose, port = _taker(fault)
+            raise ValueError(f"'{fault}' is the {whose}'s: send it to port {port} at the {whose}'s address")
+        try:
+            values = checked(fault, asked)
+        except ValueError as error:
+            raise ValueError(f"'{fault}' {error}") from None
+        answer = self._faults[fault](values) or {}
         return {**answer, "wall": time.monotonic()}

@@ -16,10 +16,11 @@ import numpy as np
 
 from planning import Cell, PlanningError, ReachError, arm
 from planning.pose import pose_from_vector
+from robot.simulation.motions.frame import frame_of
 from robot.simulation.motions.streaming import standing
 
 from .modbus_client import ModbusClient
-from .power import BROKEN, EMERGENCY, MOVING, Power, RobotMode, SafetyMode
+from .power import BROKEN, EMERGENCY, MOVING, Power, RobotMode, SafetyMode, hindrance
 from .urscript import Added, Around, ScriptError
 
 if TYPE_CHECKING:
@@ -90,7 +91,9 @@ class Machine:
         time: process time, s.
         state: of the arm.
         before, elapsed: its state one cycle ago, and the process time since then, s.
-        tool: TCP in the flange frame, shape (4, 4), mm.
+        motion, failure: what moves the arm, and why it could not go on; the program is yet to find that.
+        limits: those of the joints, as plain numbers.
+        tool, tool_frame: TCP in the flange frame, shape (4, 4), mm, and as plain numbers.
         slider: the speed slider, 0 to 1.
         throttle: what of it has taken effect.
         input_ints, input_doubles, input_bits, output_ints, output_doubles, output_bits: registers of the RTDE.
@@ -101,12 +104,15 @@ class Machine:
         self.version = version
         self.arm = arm(cell.robot.model)
         self.limit = np.radians(cell.robot.joint_limit_deg)
+        self.limits: list[float] = self.limit.tolist()
         self.fastest = np.radians(cell.robot.joint_speed_deg)
         self._fastest = (1.0001 * self.fastest).tolist()
         self.tool_offset: Numbers = cell.tool.tcp
         self.tool = pose_from_vector(np.array([cell.tool.tcp]))[0]
+        self.tool_frame = frame_of(self.tool)
         self.state = standing(self.arm, self.tool, tuple(cell.robot.home.tolist()))
         self.motion: Motion | None = None
+        self.failure: PlanningError | None = None
         self.time = 0.0
         self.cycles = 0
         self.before, self.elapsed = self.state, 0.0
@@ -168,7 +174,7 @@ class Machine:
         self.cycles += 1
         self.power.advance(now)
         if self._loaded and not self.may_move:
-            self.stop_program("the robot is not ready to move")
+            self.stop_program(self.why_not)
         if self._loaded and wall >= self._loaded[0]:
             self._program, self._loaded = self._loaded[1], None
             self._tell_program(began=True)
@@ -187,8 +193,11 @@ class Machine:
 
     def _step_program(self) -> None:
         assert self._program is not None
+        failure = self.failure
         try:
-            next(self._program)
+            next(self._program)  # the thread that moves the arm finds what failed, which tells the place
+            if failure is not None:
+                self.stop_program(str(failure))
         except StopIteration:
             self.stop_program()
         except ScriptError as error:
@@ -212,7 +221,7 @@ class Machine:
             self._mind_speeds(self.motion.state.joint_speeds)
         except PlanningError as error:
             if self._program is not None:  # one that is loaded meanwhile has no part in it
-                self.stop_program(str(error))
+                self.failure = error
             self.motion = None
         if self.motion is None or (self.motion.finished or (self._program is None and self.motion.resting)):
             joints = self.state.joints if self.motion is None else self.motion.state.joints
@@ -263,7 +272,7 @@ class Machine:
         ended = [self._program, self._loaded[1] if self._loaded is not None else None]
         if self._program is not None:
             self._tell_program(began=False)
-        self._program = self._loaded = self._watchdog = None
+        self._program = self._loaded = self._watchdog = self.failure = None
         for program in ended:
             if program is not None:
                 program.close()
@@ -324,6 +333,11 @@ class Machine:
         """Whether power, brakes and safety let the arm move."""
         return self.mode is RobotMode.RUNNING and self.safety in MOVING
 
+    @property
+    def why_not(self) -> str:
+        """Why it may not move, where it may not."""
+        return hindrance(self.safety)
+
     def power_up(self, mode: RobotMode) -> bool:
         """Go up to a mode, `IDLE` or `RUNNING`; whether the safety system allows it."""
         if self.safety in EMERGENCY | BROKEN:
@@ -372,5 +386,6 @@ class Machine:
         """Use another TCP: mm and a rotation vector in rad, in the flange frame."""
         self.tool_offset = offset
         self.tool = pose_from_vector(np.array([offset]))[0]
+        self.tool_frame = frame_of(self.tool)
         if self.motion is None:
             self.state = standing(self.arm, self.tool, self.state.joints)

@@ -47,6 +47,21 @@ EMERGENCY = frozenset({SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGE
 BROKEN = frozenset({SafetyMode.VIOLATION, SafetyMode.FAULT})
 """Only a restart of the safety system helps."""
 
+_CLEARED_BY = {
+    SafetyMode.PROTECTIVE_STOP: "in a protective stop; unlock it",
+    SafetyMode.SAFEGUARD_STOP: "in a safeguard stop; end what asks for it",
+    SafetyMode.SYSTEM_EMERGENCY_STOP: "in an emergency stop; release it, then power the robot on",
+    SafetyMode.ROBOT_EMERGENCY_STOP: "in an emergency stop; release it, then power the robot on",
+}
+
+
+def hindrance(safety: SafetyMode) -> str:
+    """What keeps an arm that may not move from it, and what ends that."""
+    if safety not in MOVING:
+        return f"the robot is {_CLEARED_BY.get(safety, 'in a fault; restart its safety system')}"
+    return "the robot has no power or holds its brakes; power it on and release them"
+
+
 _UPWARDS = (
     RobotMode.POWER_OFF,
     RobotMode.BOOTING,

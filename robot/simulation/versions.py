@@ -7,6 +7,9 @@ from typing import TypeAlias
 Version: TypeAlias = tuple[int, ...]
 """Major, minor, bugfix and build; what is left out counts as 0."""
 
+SIMULATED: tuple[tuple[Version, Version], ...] = (((3, 0), (3, 15)), ((5, 0), (5, 25)))
+"""First and last version of each family, CB3 and e-Series."""
+
 E_SERIES = 5
 """Major version with which the e-Series began."""
 

@@ -1,7 +1,10 @@
+from typing import Annotated
+
 import pytest
+from pydantic import Field
 
 from planning import ConfigurationError, load_cell, load_mix
-from planning.configuration import shipped_configurations
+from planning.configuration import Table, parse_table, shipped_configurations
 
 CELL = (shipped_configurations() / "cells" / "ur10e-demo.toml").read_text()
 
@@ -44,3 +47,36 @@ def test_a_users_own_file_wins(tmp_path):
     )
     assert load_mix("fresh-mortar", tmp_path).name == "my own"
     assert load_mix("fresh-mortar").name == "fresh mortar"
+
+
+class Wheel(Table):
+    radius: float
+    width: float = 1.0
+
+
+class Cart(Table):
+    colour: str = "red"
+    spare: Wheel | None = None
+    front: Annotated[Wheel | None, Field(description="where it has one")] = None
+    wheels: tuple[Wheel, ...] = ()
+    named: dict[str, Wheel] = Field(default_factory=dict)
+
+
+@pytest.mark.parametrize(
+    ("values", "key"),
+    [
+        ({"spare": {"radios": 2.0}}, "spare.radios"),
+        ({"front": {"radius": 1.0, "radios": 2.0}}, "front.radios"),
+        ({"wheels": [{"radius": 1.0}, {"radios": 1.0}]}, "wheels.1.radios"),
+        ({"named": {"colour": {"radios": 1.0}}}, "named.colour.radios"),
+    ],
+)
+def test_a_misspelt_key_is_told_with_the_keys_of_its_own_table(values, key):
+    with pytest.raises(
+        ConfigurationError, match=rf"no key '{key}'; did you mean 'radius'\? \(keys: radius, width\)"
+    ):
+        parse_table(Cart, values, "cart.toml")
+    with pytest.raises(
+        ConfigurationError, match=r"no key 'color'; did you mean 'colour'\? \(keys: colour, spare,"
+    ):
+        parse_table(Cart, {"color": "blue"}, "cart.toml")

@@ -9,6 +9,7 @@ import pytest
 from eaik.IK_DH import DhRobot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from planning import ARMS, ConfigurationError, arm
 from planning.pose import pose_from_vector, rotation_from_vector, vector_from_pose, vector_from_rotation
@@ -156,6 +157,16 @@ def test_poses_run_through_both_ways() -> None:
     assert np.abs(back[:, :3] - poses[:, :3]).max() == 0.0
     below = turn < np.pi - 1e-6
     assert np.abs(back[below, 3:] - vectors[below]).max() < 1e-12
+
+
+def test_rotations_are_those_of_another_library() -> None:
+    rng = np.random.default_rng(2)
+    axis = rng.normal(size=(400, 3))
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    turn = np.concatenate([[0.0, 1e-12, 1e-7, np.pi - 1e-9, np.pi], rng.uniform(0.0, 7.0, 395)])
+    theirs = Rotation.from_rotvec(axis * turn[:, None])
+    assert np.abs(rotation_from_vector(axis * turn[:, None]) - theirs.as_matrix()).max() < 1e-14
+    assert np.abs(vector_from_rotation(theirs.as_matrix()) - theirs.as_rotvec())[5:].max() < 1e-12
 
 
 def test_no_poses_give_no_poses() -> None:

@@ -59,13 +59,13 @@ class Beads:
         self.add(SegmentKind.APPROACH, [above, points[0]], [APPROACH_SPEED] * 2)
         first = len(self.rows)
         self.add(SegmentKind.PRINT, points, speeds, section=section, layer=layer, curve=curve)
-        for i in range(1, len(points) - 1):  # blend where the path turns
-            before, after = points[i] - points[i - 1], points[i + 1] - points[i]
-            if np.linalg.norm(np.cross(before, after)) > 1e-6:
-                room = 0.45 * min(np.linalg.norm(before), np.linalg.norm(after))
-                row = list(self.rows[first + i])
-                row[4] = min(blend, room)
-                self.rows[first + i] = tuple(row)
+        for i in range(1, len(points) - 1):  # without a blend the tool stops
+            room = 0.45 * min(
+                np.linalg.norm(points[i] - points[i - 1]), np.linalg.norm(points[i + 1] - points[i])
+            )
+            row = list(self.rows[first + i])
+            row[4] = min(blend, room)
+            self.rows[first + i] = tuple(row)
         self.add(SegmentKind.RETRACT, [points[-1], points[-1] + [0.0, 0.0, CLEARANCE]], [APPROACH_SPEED] * 2)
 
     def program(self):

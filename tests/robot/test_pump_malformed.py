@@ -121,10 +121,10 @@ def survives(pump, inputs, seed):
     assert pump.report()["state"] in {"ready", "forward", "reverse", "off", "tripped"}
 
 
-@pytest.fixture(params=TRANSPORTS, ids=" ".join)
-def pump(request, tmp_path):
+@pytest.fixture(scope="module", params=TRANSPORTS, ids=" ".join)
+def pump(request, tmp_path_factory):
     name, transport = request.param
-    path = cell_file(tmp_path, name, transport=transport)
+    path = cell_file(tmp_path_factory.mktemp("cell"), name, transport=transport)
     with pump_alone(HOST, path) as alone:
         yield alone
 

@@ -105,7 +105,18 @@ GOOD = 'name = "x"\n[registers]\ncommand = { address = 0 }\nset_flow = { address
         ('pressure = { address = 65535, type = "int32" }', r"registers.pressure.*beyond address 65535"),
         ('pressure = { address = 9, type = "int64" }', r"key 'registers.pressure.type'"),
         ("pressure = { address = 9, unit = 0 }", r"key 'registers.pressure.unit'.*greater than 0"),
-        ("pressure = { adress = 9 }", r"no key 'registers.pressure.adress'"),
+        (
+            "pressure = { adress = 9 }",
+            r"no key 'registers.pressure.adress'; did you mean 'address'\? \(keys: address, table, type,",
+        ),
+        (
+            "pressure = { unit = 0.1 }",
+            r"key 'registers.pressure.address' is missing \(keys: address, table, type,",
+        ),
+        (
+            "[states]\nempty = { adress = 1, bit = 0 }",
+            r"did you mean 'address'\? \(keys: address, table, bit,",
+        ),
         ("presure = { address = 9 }", r"no key 'registers.presure'; did you mean 'pressure'\?"),
         ("pressure = 9", r"key 'registers.pressure'"),
     ],

@@ -1,6 +1,8 @@
 """The pump's runtime against the simulated drive, with every map: it is led, stopped at once, and watched."""
 
 import asyncio
+import contextlib
+import re
 import time
 
 import pytest
@@ -8,7 +10,8 @@ from pumps.alone import cell_file, pump_alone
 
 from planning import load_cell
 from robot.errors import CellUnreachable, PumpError
-from robot.pump import LOSS, Pump
+from robot.pump import LOSS, STOPPING, Pump
+from robot.pump_judge import DOUBT
 from robot.simulation import Fault
 
 HOST = "127.0.34.30"
@@ -42,7 +45,7 @@ class Led:
     """A pump that is being led, and what it has told."""
 
     def __init__(self, settings):
-        self.readings, self.failures = [], []
+        self.readings, self.failures, self.closed = [], [], False
         self.pump = Pump(settings, read=self.readings.append, failed=self._fail)
 
     def _fail(self, why):
@@ -53,6 +56,11 @@ class Led:
         return self
 
     async def __aexit__(self, *error):
+        if not self.closed:
+            await self.close()
+
+    async def close(self):
+        self.closed = True
         await self.pump.close()
 
     async def flow(self, flow, seconds):
@@ -60,10 +68,10 @@ class Led:
             self.pump.set(flow)
             await asyncio.sleep(0.01)
 
-    async def until_failed(self, limit=2.0):
+    async def until_failed(self, limit=2.0, flow=FLOW):
         async with asyncio.timeout(limit):
             while not self.failures:
-                self.pump.set(FLOW)
+                self.pump.set(flow)
                 await asyncio.sleep(0.005)
         return self.failures[0]
 
@@ -126,6 +134,92 @@ def test_a_drive_that_fails_is_noticed(drive, fault):
         if fault in lifted:
             drive.inject(lifted[fault])
     assert drive.report()["speed"] == 0.0
+
+
+@contextlib.contextmanager
+def faulty(drive, fault, lifting, **values):
+    """A drive with a fault, which is lifted at the end; nothing of it is left then."""
+    try:
+        yield lambda: drive.inject(fault, **values)["wall"]
+    finally:
+        drive.inject(lifting, **({"bits": 0} if lifting is Fault.PUMP_REGISTER_WIDTH else {}))
+        drive.inject(Fault.PUMP_RESET_TRIP)
+
+
+@timed
+def test_registers_that_stand_still_are_noticed_and_the_stop_is_not_believed(drive):
+    patience = DOUBT + 0.1  # and the answer of the cell's pump
+
+    async def lead(freeze):
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.4)
+            at = freeze()
+            await led.flow(FLOW, 0.1)
+            noticed, why = await led.until_failed(3.0, 0.5 * FLOW)
+            assert noticed - at < patience + 0.5
+            assert re.search(rf"{HOST}:\d+ answers.*stands? still", why)
+            if drive.map.registers.heartbeat is not None:
+                assert "its heartbeat, register 3" in why
+            began = time.monotonic()
+            with pytest.raises(
+                PumpError,
+                match=rf"{HOST}:\d+ \(map '{drive.map.name}', device \d\).*says that it runs.*may still be",
+            ):
+                await led.close()
+            assert time.monotonic() - began < STOPPING + 0.1 + 0.5
+
+    with faulty(drive, Fault.PUMP_FROZEN, Fault.PUMP_UNFROZEN) as freeze:
+        asyncio.run(lead(freeze))
+
+
+@timed
+@pytest.mark.parametrize("bits", [8, 16, 32])
+def test_registers_of_another_width_are_noticed(drive, bits):
+    at = drive.map.registers
+    if bits == 16 * at.measured_flow.count or (
+        bits == 8 and at.set_flow.encode(FLOW / drive.map.flow_factor)[0] < 256
+    ):
+        pytest.skip("nothing of it can be seen, or comes of it")
+
+    async def lead(widen):
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.3)
+            since = widen()
+            noticed, why = await led.until_failed(3.0)
+            assert noticed - since < DOUBT + 0.1 + 0.5
+            assert re.search(r"is told [89]\d{3}(\.\d+)? mm³/s and measures", why) or "it measures" in why
+
+    with faulty(drive, Fault.PUMP_REGISTER_WIDTH, Fault.PUMP_REGISTER_WIDTH, bits=bits) as widen:
+        asyncio.run(lead(widen))
+    assert drive.report()["speed"] == 0.0
+
+
+@timed
+def test_a_stop_that_is_never_confirmed_is_reported(drive):
+    async def lead(silence):
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.2)
+            silence()
+            with pytest.raises(
+                PumpError,
+                match=rf"{HOST}:\d+ .*has not confirmed that it stops.*at the drive or by the emergency stop",
+            ):
+                await led.close()
+            assert not led.failures
+
+    with faulty(drive, Fault.PUMP_MUTE, Fault.PUMP_UNMUTE) as silence:
+        asyncio.run(lead(silence))
+
+
+def test_a_drive_that_stood_and_falls_silent_is_no_danger(drive):
+    async def lead(silence):
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.1)
+            await led.flow(0.0, 0.4)
+            silence()
+
+    with faulty(drive, Fault.PUMP_MUTE, Fault.PUMP_UNMUTE) as silence:
+        asyncio.run(lead(silence))
 
 
 def test_a_slow_line_is_led_too(drive):

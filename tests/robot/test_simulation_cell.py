@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 from rtde_receive import RTDEReceiveInterface
+from waiting import until
 
 from planning import ConfigurationError
 from robot.errors import CellUnreachable, PortTakenError, RobotError
@@ -39,7 +40,7 @@ def test_both_processes_share_a_clock_and_end_with_the_cell() -> None:
             told = cell.inject(Fault.PUMP_REPORT)
             assert told["time"] == pytest.approx((told["wall"] - cell.epoch) * 10.0, abs=0.05)
             time.sleep(0.1)
-        with pytest.raises(RobotError, match="'speed slider' refused: takes `fraction`, 0 to 1"):
+        with pytest.raises(RobotError, match="refused: 'speed slider' takes `fraction`, 0 to 1"):
             cell.inject(Fault.SPEED_SLIDER)
     assert not any(alive(pid) for pid in ids.values())
     with pytest.raises(CellUnreachable, match=r"port 30099 does not answer 'protective stop'"):
@@ -110,9 +111,31 @@ def test_a_wrong_option_is_refused_before_anything_starts(option: str, value: fl
     assert str(caught.value) == says
 
 
-def test_a_wrong_version_is_told() -> None:
-    with pytest.raises(CellUnreachable, match="--version five: a PolyScope version looks like"):
-        SimulatedCell.start("ur10e-demo", host=HOST, version="five")
+@pytest.mark.parametrize(
+    ("version", "says"),
+    [
+        ("five", "a PolyScope version looks like"),
+        ("2.1", r"there is no such PolyScope here; there are 3\.0 to 3\.15 or 5\.0 to 5\.25"),
+    ],
+)
+def test_a_wrong_version_is_told(version: str, says: str) -> None:
+    with pytest.raises(CellUnreachable, match=f"--version {version}: {says}"):
+        SimulatedCell.start("ur10e-demo", host=HOST, version=version)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.0.10"])
+def test_a_cell_that_others_would_reach_is_refused(host: str) -> None:
+    with pytest.raises(RobotError, match=f"{host} is no loopback address.*give `host`, such as 127"):
+        SimulatedCell.start("ur10e-demo", host=host)
+
+
+def test_a_robot_in_local_control_takes_no_programs() -> None:
+    with SimulatedCell.start("ur10e-demo", host=HOST, local_control=True) as cell:
+        with socket.create_connection((HOST, 30002), 2.0) as connection:
+            connection.sendall(b"set_digital_out(0, True)\n")
+        until(
+            lambda: "'set_digital_out(0, True)' refused: the robot is in local control" in cell.complaints()
+        )
 
 
 def test_four_cells_at_once_each_at_its_own_address() -> None:

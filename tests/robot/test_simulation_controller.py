@@ -13,6 +13,7 @@ from dashboard_client import DashboardClient
 from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
+from waiting import until
 
 from planning import arm
 from planning.pose import pose_from_vector
@@ -66,13 +67,6 @@ def ask_dashboard(line: str) -> str:
         lines.write(line + "\n")
         lines.flush()
         return lines.readline().strip()
-
-
-def until(condition, seconds: float = 3.0) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen in time"
-        time.sleep(0.002)
 
 
 def speed(receive) -> float:

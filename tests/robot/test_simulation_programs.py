@@ -9,6 +9,7 @@ import time
 import numpy as np
 import pytest
 from rtde_receive import RTDEReceiveInterface
+from waiting import until
 
 from robot.simulation import Fault, SimulatedCell
 
@@ -36,13 +37,6 @@ def receive(cell):
 def send(text, port=30002):
     with socket.create_connection((HOST, port), 2.0) as connection:
         connection.sendall(text.encode())
-
-
-def until(condition, seconds=10.0):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen in time"
-        time.sleep(0.002)
 
 
 def run(receive, *lines, seconds=10.0):

@@ -1,4 +1,4 @@
-"""The simulated controller's RTDE: its tables at each version, and the protocol as a raw client sees it."""
+"""The simulated controller's RTDE, as a raw client sees it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,14 @@ import time
 
 import numpy as np
 import pytest
+from rtde_client import Client, of_all
 
 from planning import ARMS, load_cell
 from robot import rtde
 from robot.simulation import SimulatedCell
-from robot.simulation.interfaces.outputs import readers
-from robot.simulation.interfaces.variables import known_inputs, known_outputs
-from robot.simulation.machine import Machine
+from robot.simulation.interfaces.variables import known_outputs
 
 NEWEST, CB3 = "127.0.32.2", "127.0.32.3"
-VERSIONS = ((3, 2), (3, 9), (3, 15), (5, 0), (5, 12), (5, 22), (5, 23))
 
 
 @pytest.fixture(scope="module")
@@ -34,142 +32,6 @@ def newest():
 def cb3():
     with SimulatedCell.start("ur10e-demo", host=CB3, version="3.15") as simulated:
         yield simulated
-
-
-class Client:
-    """Speaks RTDE through a socket and `robot.rtde` alone."""
-
-    def __init__(self, host=NEWEST, protocol=2):
-        self.connection = socket.create_connection((host, rtde.PORT), 2.0)
-        self.connection.settimeout(2.0)
-        self.stream, self.pending = rtde.PackageStream(), []
-        if protocol is not None:
-            asked = rtde.package(rtde.Package.PROTOCOL, struct.pack(">H", protocol))
-            assert self.ask(asked) == b"\x01"
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.connection.close()
-
-    def next(self):
-        """Kind and payload of the next package."""
-        while not self.pending:
-            received = self.connection.recv(65536)
-            assert received, "the controller has closed the connection"
-            self.pending = list(self.stream.feed(received))
-        return self.pending.pop(0)
-
-    def next_of(self, kind):
-        while True:
-            found, payload = self.next()
-            if found == kind:
-                return payload
-
-    def ask(self, request):
-        """The answer to a request; values that come before it are dropped."""
-        self.connection.sendall(request)
-        return self.next_of(request[2])
-
-    def outputs(self, names, frequency=500.0):
-        """Choose what is sent; whether it was accepted, and the types."""
-        number, types = rtde.read_types(self.ask(rtde.ask_outputs(names, frequency)))
-        if number:
-            self.recipe = rtde.Recipe(names, types)
-        return number, types
-
-    def inputs(self, names):
-        return rtde.read_types(self.ask(rtde.ask_inputs(names)))
-
-    def start(self):
-        return self.ask(rtde.ask_start())
-
-    def values(self):
-        payload = self.next_of(rtde.Package.VALUES)
-        assert payload[0] == 1
-        return self.recipe.unpack(payload[1:])
-
-    def write(self, number, form, *values):
-        self.connection.sendall(rtde.values_package(number, struct.pack(form, *values)))
-
-    def until(self, condition, seconds=3.0):
-        """The first values that meet a condition."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            values = self.values()
-            if condition(values):
-                return values
-        raise AssertionError("did not happen in time")
-
-
-def of_all(host, names):
-    client = Client(host)
-    assert client.outputs(names)[0] == 1
-    assert client.start() == b"\x01"
-    return client
-
-
-# -- the tables
-
-
-@pytest.mark.parametrize("version", VERSIONS)
-def test_every_variable_packs_to_its_type_and_its_value(version) -> None:
-    machine = Machine(load_cell("ur10e-demo"), (*version, 0, 0))
-    for i in range(48):
-        machine.output_ints[i], machine.input_doubles[i] = i - 24, i / 7.0
-    known = known_outputs(machine.version)
-    names = tuple(known)
-    values = [read() for read in readers(machine, names)]
-    recipe = rtde.Recipe(names, [known[name] for name in names])
-    unpacked = recipe.unpack(recipe.pack(values))
-    for name, value in zip(names, values, strict=True):
-        assert unpacked[name] == (tuple(value) if isinstance(value, list | tuple) else value), name
-        flat = np.atleast_1d(value)
-        assert len(flat) == {"VECTOR3D": 3, "VECTOR6D": 6, "VECTOR6INT32": 6}.get(known[name], 1), name
-        assert np.isfinite(flat).all(), name
-
-
-@pytest.mark.parametrize("family", [3, 5])
-def test_newer_versions_know_what_older_ones_know(family) -> None:
-    versions = [(family, minor, bugfix, 0) for minor in range(26) for bugfix in (0, 1)]
-    for known in (known_outputs, known_inputs):
-        for older, newer in itertools.pairwise(versions):
-            assert known(older).items() <= known(newer).items()
-    assert known_outputs((5, 25)) == dict(rtde.OUTPUTS)
-    assert known_inputs((5, 25)) == dict(rtde.INPUTS)
-
-
-@pytest.mark.parametrize(
-    ("name", "cb3", "e"),
-    [
-        ("elbow_position", (3, 5), (5, 0)),
-        ("safety_status", (3, 10), (5, 4)),
-        ("payload_cog", (3, 11), (5, 5, 1)),
-        ("payload_inertia", (3, 15), (5, 11)),
-        ("output_bit_register_64", (3, 9), (5, 3)),
-        ("input_int_register_24", (3, 9), (5, 3)),
-        ("ft_raw_wrench", None, (5, 9)),
-        ("time_scale_source", None, (5, 17)),
-        ("actual_robot_energy_consumed", None, (5, 23)),
-        ("actual_current_as_torque", None, (5, 23)),
-        ("input_int_register_23", (3, 0), (5, 0)),
-    ],
-)
-def test_variables_came_with_their_version(name, cb3, e) -> None:
-    for family, since in ((3, cb3), (5, e)):
-        for minor, bugfix in itertools.product(range(24), (0, 1)):
-            version = (family, minor, bugfix, 0)
-            assert (name in known_outputs(version)) == (since is not None and version >= since)
-
-
-def test_inputs_other_than_registers_are_not_told() -> None:
-    assert {name for name in rtde.INPUTS if name not in rtde.OUTPUTS} == {
-        name for name in rtde.INPUTS if not name.startswith("input_")
-    }
-
-
-# -- the protocol
 
 
 def test_a_name_of_a_later_version_is_not_found(cb3) -> None:
@@ -202,7 +64,7 @@ def test_everything_that_is_known_is_sent_at_once(request, host, version, fixtur
     [(500.0, 1), (125.0, 4), (1e9, 1), (0.0, 1), (-1.0, 1), (math.nan, 1), (100.0, 5), (50.0, 10), (7.0, 71)],
 )
 def test_packages_come_every_so_many_cycles(newest, asked, every) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         assert client.outputs(["control_step", "timestamp"], asked)[0] == 1
         client.start()
         told = [client.values() for _ in range(6)]
@@ -214,7 +76,7 @@ def test_packages_come_every_so_many_cycles(newest, asked, every) -> None:
 
 
 def test_a_frequency_next_to_nothing_is_allowed(newest) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         assert client.outputs(["timestamp"], 5e-324)[0] == 1
         assert client.start() == b"\x01"
         assert client.outputs(["timestamp"], math.inf)[0] == 1
@@ -256,7 +118,7 @@ def test_the_last_recipe_counts_whether_values_flow_or_not(newest) -> None:
 
 def test_the_protocol_before_the_second_has_no_frequency_and_no_number(newest) -> None:
     for protocol in (None, 1):
-        with Client(protocol=protocol) as client:
+        with Client(NEWEST, protocol=protocol) as client:
             names = ["timestamp", "control_step", "actual_q"]
             types = client.ask(rtde.package(rtde.Package.OUTPUTS, ",".join(names).encode()))
             recipe = rtde.Recipe(names, types.decode().split(","))
@@ -268,14 +130,14 @@ def test_the_protocol_before_the_second_has_no_frequency_and_no_number(newest) -
 
 
 def test_only_two_protocols_are_spoken(newest) -> None:
-    with Client(protocol=None) as client:
+    with Client(NEWEST, protocol=None) as client:
         for asked in (0, 3, 65535):
             request = rtde.package(rtde.Package.PROTOCOL, struct.pack(">H", asked))
             assert client.ask(request) == b"\x00"
 
 
 def test_nothing_is_told_that_was_not_asked_for_before_the_start(newest) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         client.write(9, ">i", 1)
         client.connection.sendall(rtde.package(rtde.Package.MESSAGE, b"\x05hello\x02me\x03"))
         client.connection.sendall(rtde.package(250, b"?"))
@@ -293,7 +155,7 @@ def test_nothing_is_told_that_was_not_asked_for_before_the_start(newest) -> None
 def test_a_client_that_asks_and_does_not_read_is_not_heard_until_it_does(newest) -> None:
     request = rtde.ask_outputs(["nonsense"] * 2000, 1.0)
     answer = rtde.package(rtde.Package.OUTPUTS, b"\0" + ",".join([rtde.NOT_FOUND] * 2000).encode())
-    with Client() as deaf, of_all(NEWEST, ["timestamp"]) as other:
+    with Client(NEWEST) as deaf, of_all(NEWEST, ["timestamp"]) as other:
         deaf.connection.settimeout(0.3)
         sent = 0
         with contextlib.suppress(TimeoutError):
@@ -313,7 +175,7 @@ def test_a_client_that_asks_and_does_not_read_is_not_heard_until_it_does(newest)
 
 def test_an_input_belongs_to_one_connection_until_that_ends(newest) -> None:
     names = ["input_int_register_3", "input_double_register_3"]
-    with Client() as owner, Client() as other:
+    with Client(NEWEST) as owner, Client(NEWEST) as other:
         assert owner.inputs(names)[0] == 1
         assert owner.inputs([names[0]])[0] == 2  # one connection may share it among its recipes
         assert other.inputs(names) == (0, (rtde.IN_USE, rtde.IN_USE))
@@ -328,7 +190,7 @@ def test_an_input_belongs_to_one_connection_until_that_ends(newest) -> None:
         values = other.until(lambda values: values[names[0]] == 78)
         assert values[names[1]] == 0.25
         other.until(lambda values: values["input_int_register_4"] == 5)
-    with Client() as client:
+    with Client(NEWEST) as client:
         end = time.monotonic() + 2.0
         while client.inputs(names)[0] == 0:
             assert time.monotonic() < end
@@ -336,7 +198,7 @@ def test_an_input_belongs_to_one_connection_until_that_ends(newest) -> None:
 
 def test_every_input_register_reads_back_what_was_written(newest) -> None:
     names = [name for name in rtde.INPUTS if name.startswith("input_")]
-    with Client() as client:
+    with Client(NEWEST) as client:
         number, types = client.inputs(names)
         recipe = rtde.Recipe(names, types)
         written = dict.fromkeys(names, True) | {
@@ -353,7 +215,7 @@ def test_every_input_register_reads_back_what_was_written(newest) -> None:
 
 
 def test_masks_choose_the_outputs_that_are_written(newest) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         digital, _ = client.inputs(["standard_digital_output_mask", "standard_digital_output"])
         tool, _ = client.inputs(["tool_digital_output_mask", "tool_digital_output"])
         configurable, _ = client.inputs(["configurable_digital_output_mask", "configurable_digital_output"])
@@ -376,7 +238,7 @@ def test_masks_choose_the_outputs_that_are_written(newest) -> None:
 def test_analog_outputs_are_volts_or_amperes_within_their_range(newest) -> None:
     names = ["standard_analog_output_mask", "standard_analog_output_type"]
     names += ["standard_analog_output_0", "standard_analog_output_1"]
-    with Client() as client:
+    with Client(NEWEST) as client:
         number, _ = client.inputs(names)
         told = [
             "standard_analog_output0",
@@ -401,7 +263,7 @@ def test_analog_outputs_are_volts_or_amperes_within_their_range(newest) -> None:
 
 
 def test_the_slider_takes_numbers_within_its_range_and_nothing_else(newest) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         number, _ = client.inputs(["speed_slider_mask", "speed_slider_fraction"])
         client.outputs(["target_speed_fraction"])
         client.start()
@@ -420,7 +282,7 @@ def test_the_slider_takes_numbers_within_its_range_and_nothing_else(newest) -> N
 
 
 def test_a_register_may_hold_what_is_no_number(newest) -> None:
-    with Client() as client:
+    with Client(NEWEST) as client:
         number, _ = client.inputs(["input_double_register_9", "external_force_torque"])
         client.outputs(["input_double_register_9", "actual_TCP_force", "tcp_force_scalar"])
         client.start()

@@ -155,6 +155,25 @@ def test_what_a_program_says_and_what_ends_it_is_told_on_the_primary_port(cell):
         assert secondary.silent()
 
 
+@pytest.mark.parametrize(
+    ("lines", "says"),
+    [
+        (["movel(p[2.5, 0, 0.2, 0, 3.14, 0])"], b"no inverse kinematics at p[2.5, 0, 0.2"),
+        (
+            ["q = get_actual_joint_positions()", "q[0] = q[0] + 2", "sync()", "servoj(q, t=1, gain=2000)"],
+            b"joint 1 is led at ",
+        ),
+    ],
+)
+def test_a_move_that_cannot_go_on_is_told_with_its_place(cell, lines, says):
+    with Client(30001) as client:
+        client.state()
+        client.send("def program():\n" + "".join(f"  {line}\n" for line in lines) + "end\n")
+        body = client.next_of(20, said(10))
+        assert struct.unpack(">ii", body[10:18]) == (1 + len(lines), 3)
+        assert body[18:].startswith(says)
+
+
 def key(body):
     """Title and text of a key message."""
     length = body[18]

@@ -33,7 +33,7 @@ def test_help_loads_no_heavy_library():
 def test_the_cell_is_run_without_the_engine():
     """Each printed job starts three processes that import the planner; none needs kernels or meshes."""
     program = "import robot.arm_process, robot.simulation.controller, robot.simulation.pump.__main__"
-    assert loaded_by(program) <= {"numpy", "scipy"}
+    assert loaded_by(program) <= {"numpy"}
 
 
 @pytest.mark.parametrize("name", sorted(twins.__all__))

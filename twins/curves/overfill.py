@@ -260,7 +260,7 @@ def _relieve_layer(
     def pushed(some: Runs, begun: Array, free: Flags, steps: int) -> tuple[Array, int, int]:
         return pushed_apart(
             begun, some.points, some.previous, some.following, some.curve, some.starts, some.closed, free,
-            d, ALONG * d, strength, steps, fairing, _leashes(some, free, leash),
+            d, ALONG * d, strength, steps, fairing, _leashes(some, free, leash), False,
         )  # fmt: skip
 
     picked = [thinned(curve, d / SAMPLES, flags) for curve, flags in zip(curves, stay, strict=True)]

@@ -42,10 +42,11 @@ def pushed_apart(
     steps: int,
     fairing: float,
     leash: Array,
+    to_points: bool,
 ) -> tuple[Array, int, int]:
     """Points after at most `steps` steps; how many were taken; how many points the last one held back.
 
-    They begin where they are in `begun`; how far they have gone is measured from `origin`.
+    They begin where they are in `begun`; how far they have gone is measured from `origin`. `to_points` is for `pushes`.
     """
     n = len(begun)
     points, listed = begun.copy(), begun.copy()
@@ -62,7 +63,7 @@ def pushed_apart(
             start, found = near_segments(points, following, d + skin)
         place, total = places(points, following, starts)
         step, away = pushes(
-            points, following, curve, closed, place, total, start, found, d, near, strength, False
+            points, following, curve, closed, place, total, start, found, d, near, strength, to_points
         )
         # Less and less of it, so that the last steps only part what is still too close.
         share = fairing * max(0.0, 1.0 - 1.5 * taken / steps)

@@ -13,9 +13,10 @@ from scipy.spatial import cKDTree
 
 from twins.crossings import find_cuts
 
+from .collapses import collapse_short
 from .facing_points import FaceTree, face_tree, facing_point
 from .kept_edges import name_kinds, sharp_edges
-from .moves import collapse_short, flip_edges, split_long, spread
+from .moves import flip_edges, split_long, spread
 from .net import Net, mesh_of, net_of, packed
 
 Array = npt.NDArray[np.float64]

@@ -55,7 +55,7 @@ def _name_kinds(net: Net, reach: float, straight: float) -> None:
         first = h = net.out[v]
         if h < 0:
             continue
-        number, one, two = 0, -1, -1
+        number, one, two = 0, first, first
         while True:
             if net.sharp[h]:
                 number, one, two = number + 1, two, h

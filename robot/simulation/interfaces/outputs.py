@@ -71,6 +71,17 @@ def readers(machine: Machine, names: tuple[str, ...]) -> list[Callable[[], Value
     return [_reader(machine, name) for name in names]
 
 
+def reader_of_all(machine: Machine, names: tuple[str, ...]) -> Callable[[], tuple[float, ...]]:
+    """One function that reads all variables now: their numbers in a row, those of a vector one by one.
+
+    Every cycle calls it for every client, so it is one expression, `(read0(), *read1(), read2())`.
+    """
+    items = [f"*read{i}()" if "VECTOR" in OUTPUTS[name] else f"read{i}()" for i, name in enumerate(names)]
+    reading = {f"read{i}": read for i, read in enumerate(readers(machine, names))}
+    made: Callable[[], tuple[float, ...]] = eval(f"lambda: ({', '.join(items)},)", reading)  # noqa: S307 - our own text
+    return made
+
+
 def _reader(machine: Machine, name: str) -> Callable[[], Value]:
     special = SPECIAL.get(name)
     if special is not None:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 MOST_WAITING = 1 << 14
 """Bytes that may wait in the system for a client that does not read; most clients of this port never do."""
 
+REST = 10
+"""Cycles for which nobody is tried once nobody reads: to try costs as much as to send."""
+
 FIELDS: tuple[tuple[str | int, tuple[Version, Version]], ...] = tuple(
     (field, since)
     for since, fields in (
@@ -54,15 +57,23 @@ class RealtimeStream:
         self._names = tuple(field for field in known if isinstance(field, str))
         self._readers = dict(zip(self._names, readers(machine, self._names), strict=True))
         self._fields = known
+        self._rest = 0
 
     def add(self, outlet: Outlet) -> None:
         """Tell one more client, until it leaves."""
         outlet.narrow(MOST_WAITING)
         self._outlets.append(outlet)
+        self._rest = 0
 
     def publish(self) -> None:
         """Send the state of this cycle, unless nobody would take it."""
+        if not self._outlets:
+            return
+        if self._rest:
+            self._rest -= 1
+            return
         free = [outlet for outlet in self._outlets if outlet.free]
+        self._rest = 0 if free else REST
         if free:
             message = self.packed()
             for outlet in free:

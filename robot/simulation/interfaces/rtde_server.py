@@ -15,7 +15,7 @@ from robot.errors import RobotError
 from robot.rtde import IN_USE, NOT_FOUND, PROTOCOL, Package, PackageStream, Recipe, Value, package
 from robot.simulation.versions import cycle_time
 
-from .outputs import readers
+from .outputs import reader_of_all
 from .variables import known_inputs, known_outputs
 
 if TYPE_CHECKING:
@@ -67,6 +67,14 @@ class RtdeServer:
         return any(name in other.owned for other in self.connections if other is not asking)
 
 
+class _Sent(Recipe):
+    """What a client is sent, as numbers in a row: packages are the most that a controller has to do."""
+
+    def package(self, number: bytes, values: tuple[float, ...]) -> bytes:
+        """The package, of the recipe's number as it is sent and of the values."""
+        return package(Package.VALUES, number + self._struct.pack(*values))
+
+
 class Connection(asyncio.Protocol):
     """One client."""
 
@@ -77,8 +85,8 @@ class Connection(asyncio.Protocol):
         self._protocol = OLD_PROTOCOL
         self._stream = PackageStream()
         self._inputs: dict[int, Recipe] = {}
-        self._outputs: list[Callable[[], Value]] = []
-        self._recipe: Recipe | None = None
+        self._values: Callable[[], tuple[float, ...]] = tuple
+        self._recipe: _Sent | None = None
         self._every = 1
         self._turn = 0
         self._started = False
@@ -97,6 +105,7 @@ class Connection(asyncio.Protocol):
         self.transport = cast("asyncio.Transport", transport)
         connected = self.transport.get_extra_info("socket")
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._waiting = self.transport.get_write_buffer_size
         self.server.connections.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
@@ -127,14 +136,13 @@ class Connection(asyncio.Protocol):
         if not self._started or self._recipe is None or turn == self._turn:
             return
         self._turn = turn
-        if self.transport.get_write_buffer_size() < BACKLOG:
+        if self._waiting() < BACKLOG:
             number = b"" if self._protocol == OLD_PROTOCOL else b"\x01"
-            values = self._recipe.pack([read() for read in self._outputs])
-            self.transport.write(package(Package.VALUES, number + values))
+            self.transport.write(self._recipe.package(number, self._values()))
 
     def _warn(self, text: str) -> None:
         """A text message. Before the values start a client expects nothing but the answer that it waits for."""
-        if not self._started or self.transport.get_write_buffer_size() >= BACKLOG:
+        if not self._started or self._waiting() >= BACKLOG:
             return
         message = text.encode("ascii", "replace")[:LONGEST_TEXT]
         if self._protocol == OLD_PROTOCOL:
@@ -166,10 +174,10 @@ class Connection(asyncio.Protocol):
         types = [self.server.outputs.get(name, NOT_FOUND) for name in names]
         self._recipe = None
         if names and NOT_FOUND not in types:
-            self._recipe = Recipe(names, types)
+            self._recipe = _Sent(names, types)
             if self._recipe.size > LARGEST_VALUES:
                 raise RobotError(f"RTDE: values of {self._recipe.size} bytes do not fit into a package")
-            self._outputs = readers(self.machine, self._recipe.names)
+            self._values = reader_of_all(self.machine, self._recipe.names)
             self._every = self._division(frequency)
         number = b"" if self._protocol == OLD_PROTOCOL else bytes((self._recipe is not None,))
         self._reply(Package.OUTPUTS, number + ",".join(types).encode())

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from robot.simulation.programs.program import ScriptProgram
 from robot.simulation.urscript import ScriptError
+from robot.simulation.versions import e_series
 
 from .port_commands import obeyed
 from .script_client import Listener, ScriptClient
@@ -28,10 +29,18 @@ PACE = 0.004  # s of wall time between two programs: a flood of them leaves the 
 
 
 class ScriptPorts:
-    """Takes programs and starts those that are understood."""
+    """Takes programs and starts those that are understood.
 
-    def __init__(self, machine: Machine, translator: Translator, start_delay: float) -> None:
+    Args:
+        machine: what they run on.
+        translator: what makes them ready to run.
+        start_delay: wall seconds until one starts.
+        remote: whether the robot takes orders from elsewhere than its pendant.
+    """
+
+    def __init__(self, machine: Machine, translator: Translator, start_delay: float, *, remote: bool) -> None:
         self.machine = machine
+        self._remote = remote or not e_series(machine.version)  # a CB3 robot has no such switch
         self._translator = translator
         self._start_delay = start_delay
         self._order = asyncio.Lock()  # a program that comes later is the one that runs
@@ -48,14 +57,17 @@ class ScriptPorts:
 
     async def start(self, text: str) -> bool:
         """Start a program, in place of the one that runs, or obey a command; whether it does start."""
+        name = text.strip().splitlines()[0]
+        if not self._remote:
+            self._complain(f"'{name}' refused: the robot is in local control")
+            return False
         if obeyed(self.machine, text):
             return True
-        name = text.strip().splitlines()[0]
         async with self._order:
             try:
                 program = ScriptProgram(self.machine, await self._translator.translate(text), self._say)
                 if not self.machine.may_move:
-                    self._complain(f"'{name}' refused: the robot is not ready to move")
+                    self._complain(f"'{name}' refused: {self.machine.why_not}")
                     return False
                 if program.secondary:
                     program.run_at_once()

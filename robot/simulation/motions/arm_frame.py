@@ -91,15 +91,18 @@ def nearby_joints(arm: Arm, flange: Numbers, near: Sequence[float]) -> Numbers |
         return None
     elbow, bend = abs(joints[2]), abs(joints[4])
     apart = min(math.atan2(shoulder, arm.d4), elbow, math.pi - elbow, bend, math.pi - bend)
+    gaps = [angle - to for angle, to in zip(joints, near, strict=True)]
+    if max(gaps) <= apart and min(gaps) >= -apart:
+        return joints
     turned = []
-    for angle, to in zip(joints, near, strict=True):
-        gap = angle - to
+    for angle, gap in zip(joints, gaps, strict=True):
         if abs(gap) > apart:
             turns = TURN * round(gap / TURN)
             if abs(gap - turns) > apart:
                 return None
-            angle -= turns  # noqa: PLW2901 - the same angle, another turn
-        turned.append(angle)
+            turned.append(angle - turns)
+        else:
+            turned.append(angle)
     return tuple(turned)
 
 

@@ -22,8 +22,8 @@ UNTURNED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 def frame_of(pose: npt.NDArray[np.float64]) -> Numbers:
     """A pose matrix, shape (4, 4), as a frame."""
-    rows: list[list[float]] = pose.tolist()
-    return tuple(rows[i][j] for j in range(4) for i in range(3))
+    (xx, yx, zx, px), (xy, yy, zy, py), (xz, yz, zz, pz), _ = pose.tolist()
+    return (xx, xy, xz, yx, yy, yz, zx, zy, zz, px, py, pz)
 
 
 def compose(a: Numbers, b: Numbers) -> Numbers:
@@ -40,8 +40,8 @@ def compose(a: Numbers, b: Numbers) -> Numbers:
 
 def frame_at(pose: Sequence[float]) -> Numbers:
     """The frame at a pose: mm and a rotation vector in rad."""
-    x, y, z, *rotation = pose
-    return (*turned(UNTURNED, rotation)[:9], x, y, z)
+    x, y, z, rx, ry, rz = pose
+    return (*_rotation(rx, ry, rz), x, y, z)
 
 
 def pose_numbers(frame: Numbers) -> Numbers:
@@ -96,23 +96,23 @@ def speed_between(a: Numbers, b: Numbers, seconds: float) -> Numbers:
 
 def turned(frame: Numbers, vector: Sequence[float]) -> Numbers:
     """A frame turned about its origin by a rotation vector, rad, given in the same axes as the frame."""
-    angle = math.hypot(*vector)
-    if angle == 0.0:
+    if not any(vector):
         return frame
-    kx, ky, kz = vector
-    kx, ky, kz = kx / angle, ky / angle, kz / angle
+    turning = (*_rotation(*vector), 0.0, 0.0, 0.0)
+    return compose(turning, (*frame[:9], 0.0, 0.0, 0.0))[:9] + frame[9:]
+
+
+def _rotation(x: float, y: float, z: float) -> Numbers:
+    """The columns of a rotation vector's matrix."""
+    angle = math.hypot(x, y, z)
+    if angle == 0.0:
+        return UNTURNED[:9]
+    x, y, z = x / angle, y / angle, z / angle
     c, s = math.cos(angle), math.sin(angle)
     r = 1.0 - c
-    xx, yy, zz = r * kx * kx + c, r * ky * ky + c, r * kz * kz + c
-    xy, xz, yz = r * kx * ky, r * kx * kz, r * ky * kz
-    kx, ky, kz = kx * s, ky * s, kz * s
-    return (
-        compose(
-            (xx, xy + kz, xz - ky, xy - kz, yy, yz + kx, xz + ky, yz - kx, zz, 0.0, 0.0, 0.0),
-            (*frame[:9], 0.0, 0.0, 0.0),
-        )[:9]
-        + frame[9:]
-    )
+    xy, xz, yz = r * x * y, r * x * z, r * y * z
+    sx, sy, sz = s * x, s * y, s * z
+    return (r * x * x + c, xy + sz, xz - sy, xy - sz, r * y * y + c, yz + sx, xz + sy, yz - sx, r * z * z + c)
 
 
 def turn(quaternion: Sequence[float]) -> Numbers:
@@ -122,7 +122,8 @@ def turn(quaternion: Sequence[float]) -> Numbers:
     if sine < 1e-15:
         return (0.0, 0.0, 0.0)
     if abs(w) < 1e-9 * sine:  # half a turn, as of a tool that points down: rounding must not choose its sense
-        w = math.copysign(w, next(v for v in (x, y, z) if abs(v) > 1e-9 * sine))
+        tiny = 1e-9 * sine
+        w = math.copysign(w, x if abs(x) > tiny else y if abs(y) > tiny else z)
     factor = math.copysign(2.0 * math.atan2(sine, abs(w)) / sine, w)
     return (x * factor, y * factor, z * factor)
 
@@ -143,13 +144,13 @@ def _quaternion(frame: Numbers) -> Numbers:
     return ((zy - yz) / size, (xz - zx) / size, (yx - xy) / size, part)
 
 
-def metres(mm: Numbers) -> Numbers:
+def metres(mm: Sequence[float]) -> Numbers:
     """A pose or a speed of the tool with its lengths in metres."""
     x, y, z, rx, ry, rz = mm
     return (x / 1000.0, y / 1000.0, z / 1000.0, rx, ry, rz)
 
 
-def millimetres(m: Numbers) -> Numbers:
+def millimetres(m: Sequence[float]) -> Numbers:
     """A pose or a speed of the tool, given in metres, with its lengths in mm."""
     x, y, z, rx, ry, rz = m
     return (x * 1000.0, y * 1000.0, z * 1000.0, rx, ry, rz)

@@ -7,16 +7,14 @@ process time by the speed slider: `advance` is given both, and the slider's shar
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from .frame import Numbers
 
 STILL: Numbers = (0.0,) * 6
 
 
-@dataclass(frozen=True)
-class ArmState:
+class ArmState(NamedTuple):
     """The arm at one moment.
 
     Attributes:

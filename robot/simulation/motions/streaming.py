@@ -89,7 +89,7 @@ class ServoMotion(_Steered):
         self._speeds = tuple(speeds)
         scale = path_seconds / seconds
         self._move_joints(tuple(joints), tuple([speed * scale for speed in speeds]), seconds)
-        self.resting = max(map(abs, speeds)) < 1e-7
+        self.resting = max(speeds) < 1e-7 and min(speeds) > -1e-7
 
     def _slow_down(self, seconds: float) -> None:
         speeds = self.state.joint_speeds

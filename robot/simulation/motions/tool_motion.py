@@ -87,7 +87,7 @@ class ToolMotion(ToldMotion):
             at = leg.at if run == 0.0 else lambda on: leg.at(run + on)
             self._course.append(Piece(leg.length - run, speed, acceleration, at, entered, leg.end))
             self._leg, self._blend = leg, target.blend
-        self._goes_on = target.flows or self._blend > 0.0
+        self._goes_on = self._blend > 0.0
         self._zone = min(self._blend, 0.5 * leg.length)
         self._told(target.speed, target.acceleration)
 

@@ -33,7 +33,6 @@ class Target:
         acceleration: mm/s².
         blend: radius at the target, mm.
         seconds: what the move takes in place of its speed and acceleration, or 0.
-        flows: whether the tool goes straight on through a target on its way, even without a blend.
         via: a place that an arc to the target passes through, mm; None for a line.
         keeps: whether the tool keeps its orientation to the arc.
     """
@@ -43,7 +42,6 @@ class Target:
     acceleration: float
     blend: float = 0.0
     seconds: float = 0.0
-    flows: bool = False
     via: Numbers | None = None
     keeps: bool = False
 

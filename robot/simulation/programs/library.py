@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from planning.pose import pose_from_vector, vector_from_pose
-from robot.simulation.motions.frame import metres, millimetres
+from robot.simulation.motions.arm_frame import flange_frame
+from robot.simulation.motions.frame import Numbers, compose, frame_at, metres, millimetres, pose_numbers
 from robot.simulation.power import SafetyMode
 from robot.simulation.urscript import MATHEMATICS, Library, Refusal, builtin
 from robot.simulation.urscript.values import Pose, Value, integer, number, numbers, truth, written
@@ -100,7 +100,8 @@ def _registers(machine: Machine) -> Iterator[Builtin]:
     for name, inputs, outputs, count, converted in banks:
 
         def read(address: Value, bank: list[Any] = inputs, count: int = count) -> Any:
-            return bank[place(address, count)]
+            known = type(address) is int and 0 <= address < count  # nearly always; programs read a lot
+            return bank[address if known else place(address, count)]
 
         def read_back(address: Value, bank: list[Any] = outputs, count: int = count) -> Any:
             return bank[place(address, count)]
@@ -166,7 +167,7 @@ def _state(machine: Machine) -> Iterator[Builtin]:
         return list(machine.state.joints)
 
     def flange() -> Pose:
-        return _pose(machine.arm.forward(np.array([machine.state.joints]))[0])
+        return Pose(metres(pose_numbers(flange_frame(machine.arm, machine.state.joints))))
 
     for name in ("get_actual_joint_positions", "get_target_joint_positions", "get_joint_positions"):
         yield builtin(f"{name}()", joints)
@@ -189,18 +190,16 @@ def _state(machine: Machine) -> Iterator[Builtin]:
 
 
 def _kinematics(machine: Machine, moves: ScriptMoves) -> Iterator[Builtin]:
-    def tool(tcp: Value) -> Any:
-        if tcp is None:
-            return machine.tool
-        return pose_from_vector(np.array([millimetres(tuple(numbers(tcp, 6, "tcp")))]))[0]
+    def tool(tcp: Value) -> Numbers:
+        return machine.tool_frame if tcp is None else frame_at(millimetres(numbers(tcp, 6, "tcp")))
 
     def forward(q: Value, tcp: Value) -> Pose:
         joints = machine.state.joints if q is None else numbers(q, 6, "q")
-        return _pose(machine.arm.forward(np.array([joints]))[0] @ tool(tcp))
+        return Pose(metres(pose_numbers(compose(flange_frame(machine.arm, joints), tool(tcp)))))
 
     def found(x: Value, qnear: Value, tcp: Value) -> tuple[float, ...] | None:
         near = machine.state.joints if qnear is None else tuple(numbers(qnear, 6, "qnear"))
-        return moves.nearest(Pose(numbers(x, 6, "x")), near, tool(tcp))
+        return moves.nearest(numbers(x, 6, "x"), near, tool(tcp))
 
     def inverse(x: Value, qnear: Value, tcp: Value) -> list[float]:
         joints = found(x, qnear, tcp)
@@ -259,8 +258,3 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
     yield builtin("set_gravity(d)", gravity)
     yield builtin("rtde_set_watchdog(variable_name, min_frequency, action)", watchdog, {"action": "pause"})
     yield builtin("protective_stop()", lambda: machine.protective_stop(SafetyMode.PROTECTIVE_STOP))
-
-
-def _pose(transform: Any) -> Pose:
-    """A transform, shape (4, 4), mm, as a program's pose in m."""
-    return Pose(metres(tuple(vector_from_pose(transform[None])[0].tolist())))

@@ -18,7 +18,6 @@ from robot.simulation.motions.frame import (
     Numbers,
     compose,
     frame_at,
-    frame_of,
     inverse,
     metres,
     millimetres,
@@ -32,10 +31,10 @@ from robot.simulation.motions.told_motion import ToldMotion
 from robot.simulation.motions.tool_motion import ToolMotion
 from robot.simulation.motions.tool_pieces import Target
 from robot.simulation.urscript import Refusal
-from robot.simulation.urscript.values import Pose, Value, kind, number, numbers
+from robot.simulation.urscript.values import Pose, Value, kind, number, numbers, written
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -113,7 +112,6 @@ class ScriptMoves:
                 1000.0 * positive(v, "v"),
                 acceleration,
                 blend=1000.0 * radius(r),
-                flows=True,
             )
         )
 
@@ -134,12 +132,13 @@ class ScriptMoves:
 
     def _tool(self, target: Target) -> Iterator[None]:
         machine = self._machine
+        flange = compose(target.frame, inverse(machine.tool_frame))
+        if nearest_joints(machine.arm, flange, machine.state.joints, machine.limits) is None:
+            raise Refusal(f"no inverse kinematics at {written(Pose(metres(pose_numbers(target.frame))))}")
         motion = machine.motion
         if not (type(motion) is ToolMotion and motion.passing):
             yield from self._stand(tool=target.acceleration)
-            motion = ToolMotion(
-                machine.arm, machine.tool, machine.state, machine.limit.tolist(), self._wake()
-            )
+            motion = ToolMotion(machine.arm, machine.tool, machine.state, machine.limits, self._wake())
         motion.add(target)
         yield from self._lead(motion)
 
@@ -171,9 +170,9 @@ class ScriptMoves:
         aim = numbers(q, 6, "q")
         lookahead = within(lookahead_time, "lookahead_time", 0.03, 0.2)
         lag = lookahead * GAIN / within(gain, "gain", 100.0, 2000.0)
-        yield from self._arrive()
         motion = machine.motion
         if not isinstance(motion, ServoMotion):
+            yield from self._arrive()
             motion = ServoMotion(machine.arm, machine.tool, machine.state)
         self._take(motion)
         motion.aim(aim, lag)
@@ -189,7 +188,7 @@ class ScriptMoves:
         motion = machine.motion
         if not isinstance(motion, Pursuit):
             yield from self._stand(tool=target.acceleration)
-            motion = Pursuit(machine.arm, machine.tool, machine.state, machine.limit.tolist(), lambda: None)
+            motion = Pursuit(machine.arm, machine.tool, machine.state, machine.limits, lambda: None)
         self._take(motion)
         motion.follow(target)
         yield from self._for(0.0)
@@ -267,9 +266,9 @@ class ScriptMoves:
 
     def _until(self, over: Callable[[], bool]) -> Iterator[None]:
         try:
-            yield  # a move takes a cycle at least
+            yield from self._pass()  # a move takes a cycle at least
             while not over():
-                yield
+                yield from self._pass()
         except GeneratorExit:
             self._left_behind = True
             raise
@@ -277,39 +276,49 @@ class ScriptMoves:
     def _for(self, seconds: float) -> Iterator[None]:
         until = self._machine.time + seconds
         try:
-            yield
+            yield from self._pass()
             while self._machine.time < until - HALF_A_CYCLE:
-                yield
+                yield from self._pass()
         except GeneratorExit:
             self._left_behind = True
             raise
+
+    def _pass(self) -> Iterator[None]:
+        """Let a cycle pass.
+
+        Raises:
+            PlanningError: the arm could not go on in it.
+        """
+        yield
+        if self._machine.failure is not None:
+            raise self._machine.failure
 
     # -- places
 
     def frame(self, value: Value) -> Numbers:
         """The tool's frame, mm, that a pose in m or joint angles ask for."""
         if type(value) is Pose:
-            return frame_at(millimetres(tuple(value)))
+            return frame_at(millimetres(value))
         if type(value) is not list:
             raise Refusal(f"a pose p[...] or six joint angles are needed, not {kind(value)}")
         machine = self._machine
         joints = numbers(value, 6, "joint angles")
-        return compose(flange_frame(machine.arm, joints), frame_of(machine.tool))
+        return compose(flange_frame(machine.arm, joints), machine.tool_frame)
 
     def joints(self, value: Value, near: Numbers) -> Array:
         """Joint angles, shape (6,), rad, that a pose or joint angles ask for: the posture nearest to others."""
         if type(value) is not Pose:
             return np.array(numbers(value, 6, "joint angles"))
-        found = self.nearest(value, near, self._machine.tool)
+        found = self.nearest(value, near, self._machine.tool_frame)
         if found is None:
-            raise Refusal(f"no inverse kinematics at {value}")
+            raise Refusal(f"no inverse kinematics at {written(value)}")
         return np.array(found)
 
-    def nearest(self, pose: Pose, near: Numbers, tool: Array) -> Numbers | None:
-        """Joint angles at a pose in m, nearest to others; None where there are none."""
+    def nearest(self, pose: Sequence[float], near: Numbers, tool: Numbers) -> Numbers | None:
+        """Joint angles that bring a tool, given by its frame, to a pose in m: those nearest to others, or None."""
         machine = self._machine
-        flange = compose(frame_at(millimetres(tuple(pose))), inverse(frame_of(tool)))
-        return nearest_joints(machine.arm, flange, near, machine.limit.tolist())
+        flange = compose(frame_at(millimetres(pose)), inverse(tool))
+        return nearest_joints(machine.arm, flange, near, machine.limits)
 
 
 def positive(value: Value, what: str) -> float:

@@ -9,9 +9,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from planning.pose import pose_from_vector, vector_from_pose
+from planning.pose import pose_from_vector, rotation_from_vector, vector_from_pose, vector_from_rotation
 
 from .errors import Refusal
 from .functions import Builtin, builtin
@@ -20,6 +19,8 @@ from .strings import STRINGS, raw
 from .values import Pose, Value, array, integer, is_matrix, kind, number, numbers, shape, written
 
 Array: TypeAlias = npt.NDArray[np.float64]
+
+RIGHT_ANGLE = 1e-7  # cosine of the pitch below which roll and yaw cannot be told apart
 
 
 def _of_one(name: str, function: Callable[[float], float]) -> Builtin:
@@ -119,22 +120,28 @@ def _point_dist(first: Value, second: Value) -> float:
 
 def _interpolate_pose(start: Value, end: Value, share: Value) -> Pose:
     a, b, part = matrix(start, "p_from"), matrix(end, "p_to"), number(share, "alpha")
-    turn = Rotation.from_matrix(a[:3, :3].T @ b[:3, :3]).as_rotvec()
+    turn = vector_from_rotation(a[:3, :3].T @ b[:3, :3])
     made = np.eye(4)
-    made[:3, :3] = a[:3, :3] @ Rotation.from_rotvec(part * turn).as_matrix()
+    made[:3, :3] = a[:3, :3] @ rotation_from_vector(part * turn)[0]
     made[:3, 3] = a[:3, 3] + part * (b[:3, 3] - a[:3, 3])
     return as_pose(made)
 
 
 def _rpy(value: Value) -> list[float]:
     """Roll, pitch and yaw to a rotation vector, about fixed x, then y, then z."""
-    found: list[float] = Rotation.from_euler("xyz", numbers(value, 3, "rpy_vector")).as_rotvec().tolist()
+    roll, pitch, yaw = rotation_from_vector(np.diag(numbers(value, 3, "rpy_vector")))
+    found: list[float] = vector_from_rotation(yaw @ pitch @ roll)[0].tolist()
     return found
 
 
 def _to_rpy(value: Value) -> list[float]:
-    found: list[float] = Rotation.from_rotvec(numbers(value, 3, "rotation_vector")).as_euler("xyz").tolist()
-    return found
+    """The way back; with the pitch at a right angle, where roll and yaw turn about one axis, the yaw is 0."""
+    r = rotation_from_vector(np.array(numbers(value, 3, "rotation_vector")))[0].tolist()
+    level = math.hypot(r[2][1], r[2][2])
+    pitch = math.atan2(-r[2][0], level)
+    if level < RIGHT_ANGLE:
+        return [math.atan2(-r[1][2], r[1][1]), pitch, 0.0]
+    return [math.atan2(r[2][1], r[2][2]), pitch, math.atan2(r[1][0], r[0][0])]
 
 
 # -- matrices

@@ -16,7 +16,8 @@ from functools import partial
 from types import CodeType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from .compiling import FILE, Compiled, Compiler, compiled, interpreting
+from .compiler import Compiler
+from .compiling import FILE, Compiled, compiled, interpreting
 from .errors import ScriptSyntaxError
 from .nodes import Function
 from .parsing import parse, parse_statements

@@ -7,10 +7,10 @@ import socket
 import subprocess
 import threading
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from printable import at, first_curve
 
 from planning import SegmentKind, load_cell
 from robot.chunks import split
@@ -27,16 +27,6 @@ SCALE = 6.0
 held_up = pytest.mark.flaky(reruns=2, only_rerun=[".*"])
 
 
-def at(cell, host, pump_host=None):
-    """The cell at other addresses."""
-    return cell.model_copy(
-        update={
-            "robot": cell.robot.model_copy(update={"host": host}),
-            "pump": cell.pump.model_copy(update={"host": pump_host or host}),
-        }
-    )
-
-
 @pytest.fixture(scope="module")
 def simulated():
     with SimulatedCell.start("ur10e-demo", host=HOST, time_scale=SCALE) as cell:
@@ -51,22 +41,7 @@ def cell():
 @pytest.fixture
 def one_bead(two_layers):
     """The first curve of the program alone."""
-    stop = two_layers.segments[3].stop
-    arrays = (
-        "poses",
-        "joints",
-        "external_axes",
-        "speed",
-        "blend",
-        "width",
-        "height",
-        "flow",
-        "time",
-        "layer",
-        "curve",
-    )
-    cut = {name: getattr(two_layers, name)[:stop] for name in arrays}
-    return replace(two_layers, segments=two_layers.segments[:4], **cut)
+    return first_curve(two_layers)
 
 
 def when_flowing(journal, act):

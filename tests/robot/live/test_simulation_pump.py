@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from pumps.alone import Line, cell_file, pump_alone
+from waiting import until
 
 from robot.errors import RobotError
 from robot.simulation import Fault
@@ -49,14 +50,6 @@ def line(pump):
     yield made
     made.close()
     pump.inject(Fault.PUMP_RESET_TRIP)
-
-
-def until(happens, limit=5.0):
-    """Wait for something to happen."""
-    end = time.monotonic() + limit
-    while not happens():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 beats = itertools.count(1)
