@@ -20,7 +20,7 @@ REAL_TIME := tests/robot/live
 AGAIN := --reruns 2 --only-rerun "has been silent for"
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 --ignore=$(JOB) --ignore=$(REAL_TIME)
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --ignore=$(JOB) --ignore=$(REAL_TIME)
 	@$(BIN)/python -m pytest $(AGAIN) $(JOB) & job=$$!; \
 	$(BIN)/python -m pytest $(AGAIN) $(REAL_TIME); passed=$$?; wait $$job && exit $$passed
 

@@ -24,6 +24,7 @@ from robot import rtde
 from robot.simulation import SimulatedCell
 from robot.simulation.addresses import free_address
 
+LOADS = ((1, 500.0), (4, 125.0))  # robots, and the frequency of their clients, Hz
 RADIUS, SPEED = 0.05, 0.1  # m and m/s, of the circle that is streamed
 NAMES = ("timestamp", "actual_q", "actual_qd", "actual_TCP_pose", "actual_TCP_speed", "robot_status_bits")
 
@@ -143,14 +144,16 @@ def load(robots, frequency, seconds):
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--robots", type=int, choices=[robots for robots, _ in LOADS], help="one load alone")
     parser.add_argument("--role", nargs=4, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.role:
         role, host, frequency, seconds = options.role
         print(json.dumps(ROLES[role](host, float(frequency), float(seconds))))
         return
-    load(1, 500.0, options.seconds)
-    load(4, 125.0, options.seconds)
+    for robots, frequency in LOADS:
+        if options.robots in (None, robots):
+            load(robots, frequency, options.seconds)
 
 
 if __name__ == "__main__":

@@ -51,8 +51,17 @@ def simulated_cell(request: pytest.FixtureRequest) -> Iterator[SimulatedCell]:
                 f"{request.node.nodeid}: name the options of twincell(), as in time_scale=4"
             )
         options |= marker.kwargs
+    from planning import PlanningError
+    from robot.errors import RobotError
+
     with _starting() as start:
-        yield start(**options)
+        try:
+            cell = start(**options)
+        except (pytest.UsageError, PlanningError, RobotError) as error:
+            pytest.fail(
+                str(error), pytrace=False
+            )  # the sentence says what to do, a traceback only where we are
+        yield cell
 
 
 @pytest.fixture(scope="session")

@@ -24,7 +24,7 @@ from robot.simulation.interfaces.state_stream import READ_ONLY
 from robot.simulation.motions.streaming import standing
 from robot.simulation.programs.translating import Translator
 
-from .clock import CycleSelector, ProcessClock
+from .clock import ProcessClock
 from .controller_faults import RefusingDashboard, effects
 from .fault_plan import FaultPlan
 from .fault_script import FaultScript, load_fault_script, with_seed
@@ -253,7 +253,7 @@ def main() -> int:
         default=0.0,
         help="process seconds until a protective stop can be unlocked; a real controller's are 5",
     )
-    return run(_main(parser.parse_args()), "controller", CycleSelector)
+    return run(_main(parser.parse_args()), "controller")
 
 
 if __name__ == "__main__":

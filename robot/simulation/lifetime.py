@@ -46,19 +46,8 @@ def _positive(text: str) -> float:
     return number
 
 
-def run(
-    main: Coroutine[Any, Any, None],
-    name: str,
-    selector: type[selectors.BaseSelector] = selectors.SelectSelector,
-) -> int:
-    """Run a simulator until it is ended; the process's exit code. Errors are told in one sentence on stderr.
-
-    Args:
-        main: the simulator.
-        name: by which its errors are told.
-        selector: what waits. select() does so by the microsecond; epoll rounds up to the next millisecond, half of the
-            controller's cycle.
-    """
+def run(main: Coroutine[Any, Any, None], name: str) -> int:
+    """Run a simulator until it is ended; the process's exit code. Errors are told in one sentence on stderr."""
     # What the imports left behind is never garbage; a full collection over it would hold up the cycle for 0.1 s.
     gc.collect()
     gc.freeze()
@@ -66,7 +55,8 @@ def run(
         OSError
     ):  # a controller keeps its cycle whatever else the machine does, where it may
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
-    with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selector())) as runner:
+    # select() waits by the microsecond; epoll rounds up to the next millisecond, half of the controller's cycle.
+    with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(selectors.SelectSelector())) as runner:
         try:
             runner.run(main)
         except (RobotError, PlanningError) as error:

@@ -152,7 +152,7 @@ def test_a_crash_of_the_mesher_stays_in_its_child(tmp_path):
     )
     # What it does without any points is left to chance; it may ask for all the memory there is.
     limited = (
-        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30)); "
+        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_AS, (4 << 30, 4 << 30)); "
         "sys.argv.pop(0); runpy.run_path(sys.argv[0], run_name='__main__')"
     )
     ended = run_child(

@@ -41,7 +41,7 @@ def test_the_tool_stands_at_both_ends_of_a_bead_and_rounds_within(two_layers):
     for chunk in split(two_layers):
         bead = np.flatnonzero(chunk.printing)
         assert chunk.blend[bead[0] - 1] == chunk.blend[bead[-1]] == chunk.blend[-1] == 0.0
-        assert (chunk.blend[bead] > 0).sum() == 3  # the corners of a square
+        assert (chunk.blend[bead[:-1]] > 0).all()
 
 
 def test_a_wait_is_time_before_a_chunk(beads):

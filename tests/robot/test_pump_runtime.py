@@ -243,12 +243,13 @@ def test_a_slow_line_is_led_too(drive):
         drive.inject(Fault.PUMP_SLOW, seconds=0.0)
 
 
-def test_another_device_gives_no_good_answer(drive):
+def test_another_device_gives_no_good_answer(drive, monkeypatch):
+    monkeypatch.setattr("robot.pump.CONNECT_LIMIT", 1.0)
     if drive.map.name != "generic":
         pytest.skip("it takes its time, and is alike with every map of a transport")
     led = Led(drive.cell.pump)
     led.pump._link.map = led.pump._link.map.model_copy(update={"device_id": 77})
-    with pytest.raises(CellUnreachable, match=r"no good answer within 3 s.*device id 77 and register map"):
+    with pytest.raises(CellUnreachable, match=r"no good answer within 1 s.*device id 77 and register map"):
         asyncio.run(led.pump.start())
 
 

@@ -91,7 +91,10 @@ def test_a_path_of_movep_keeps_its_speed_through_its_blends(receive, home):
     """Each move is told when the one before comes within its radius: the speed never falls."""
     corners = [moved(home, z=-0.1), moved(home, y=0.1, z=-0.1), moved(home, y=0.1), home]
     moves = [f"movep({written(corner)}, a=1.0, v=0.1, r=0.01)" for corner in corners[:-1]]
-    rows = run(receive, *moves, f"movep({written(corners[-1])}, a=1.0, v=0.1, r=0)")
+    for _ in range(5):  # a busy machine lets packages pass unread
+        rows = run(receive, *moves, f"movep({written(corners[-1])}, a=1.0, v=0.1, r=0)")
+        if np.diff(rows[:, 0]).max() < 0.02:
+            break
     assert np.allclose(receive.getActualTCPPose()[:3], home[:3], atol=1e-6)
     moving = rows[rows[:, 4] > 1e-6]
     start, end = moving[0, 0], moving[-1, 0]

@@ -68,7 +68,7 @@ def test_it_runs_a_script_of_faults_and_writes_traces(host, tmp_path):
     with Running(*words) as command:
         command.until("fault at 0.000 s: speed slider, fraction 0.5")
         assert command.lines[0] == (
-            f"simulated cell at {host}: robot on 30004 (RTDE), 29999, 30001 to 30003; pump on 5020; "
+            f"simulated cell at {host}: robot, version 5.22, on 30004 (RTDE), 29999, 30001 to 30003; pump on 5020; "
             "time scale 3; Ctrl-C ends it"
         )
         assert inject(host, "pump report")["volume"] == 0.0

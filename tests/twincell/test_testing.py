@@ -89,6 +89,7 @@ def test_a_shared_cell_and_what_its_simulators_said_beside_a_failed_test(theirs)
 @pytest.mark.parametrize("marker", WRONG)
 def test_a_wrong_marker_is_told(theirs, marker):
     assert WRONG[marker] in theirs
+    assert "in simulated_cell" not in theirs  # no traceback
 
 
 def test_the_plugin_loads_nothing_that_tests_did_not_ask_for():
