@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import threading
 from typing import Any
@@ -33,16 +32,17 @@ def simulate_cell(cell: str, console: Console, **options: Any) -> None:
     ended = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: ended.set())
     with SimulatedCell.start(cell, **options) as simulated:
+        # An exception may be raised where it gets lost, in a finaliser; a flag does not.
+        signal.signal(signal.SIGINT, lambda *_: ended.set())
         say(
             f"simulated cell at {simulated.host}: robot, version {options.get('version', '5.12')}, "
             f"on 30004 (RTDE), 29999, 30001 to 30003; "
             f"pump on {simulated.pump_port}; time scale {simulated.time_scale:g}; Ctrl-C ends it"
         )
-        with contextlib.suppress(KeyboardInterrupt):
-            while not ended.wait(LOOKED_AT):
-                for line in simulated.news():
-                    say(line)
-                simulated.check()
+        while not ended.wait(LOOKED_AT):
+            for line in simulated.news():
+                say(line)
+            simulated.check()
         for line in simulated.news():
             say(line)
     if simulated.trace is not None:
