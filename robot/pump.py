@@ -161,7 +161,9 @@ class Pump:
             standing = self._exchange_task or asyncio.create_task(self._stand())
             answer = self._settings.dead_time_s + self._settings.lag_s
             self._patience_ends = time.monotonic() + (LOSS if self._stands else STOPPING + answer)
-            await asyncio.gather(standing, return_exceptions=True)
+            for reading in await asyncio.gather(standing, return_exceptions=True):
+                if isinstance(reading, PumpReading):
+                    self._read(reading)
         self._link.close()
         if not self._stands:
             raise PumpError(
