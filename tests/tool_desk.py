@@ -24,18 +24,20 @@ def pose(place, turn=(0.0, 0.0, 0.0)):
 
 
 def demo_arm():
-    """The demo cell's arm, and how fast its joints turn."""
+    """The demo cell's arm, how far its joints turn, and how fast."""
     cell = load_cell("ur10e-demo")
-    return arm(cell.robot.model), np.radians(cell.robot.joint_limit_deg)
+    robot = cell.robot
+    return arm(robot.model), np.radians(robot.joint_limit_deg), np.radians(robot.joint_speed_deg)
 
 
 def motion(ur10e, ask=lambda: None):
     """At rest with the tool at START, pointing down."""
-    model, limit = ur10e
+    model, limit, fastest = ur10e
     tool = pose_from_vector(np.array([[0.0, 0.0, 100.0, 0.0, 0.0, 0.0]]))[0]
     joints = model.inverse((pose([0, 0, 0]) @ np.linalg.inv(tool))[None])[0]
     chosen = joints[~np.isnan(joints).any(axis=1)][0]
-    made = ToolMotion(model, tool, standing(model, tool, tuple(chosen.tolist())), limit.tolist(), ask)
+    state = standing(model, tool, tuple(chosen.tolist()))
+    made = ToolMotion(model, tool, state, limit.tolist(), fastest.tolist(), ask)
     assert np.allclose(made.state.pose[:3], START)
     return made
 
@@ -46,7 +48,10 @@ def target(place, speed=100.0, acceleration=500.0, blend=0.0, **more):
 
 
 def run(ur10e, targets, seconds=0.002, slider=1.0):
-    """Tell target after target, each when it is asked for; time, place and speed, a row a cycle."""
+    """Tell target after target, each when it is asked for; time, place and speed, a row a cycle.
+
+    No joint may turn faster than it can.
+    """
     waiting = list(targets)
     moving = motion(ur10e, lambda: moving.add(waiting.pop(0)) if waiting else None)
     moving.add(waiting.pop(0))
@@ -57,5 +62,6 @@ def run(ur10e, targets, seconds=0.002, slider=1.0):
         moving.advance(seconds, seconds * slider, slider)
         time += seconds
         rows.append([time, *moving.state.pose[:3], math.hypot(*moving.state.tool_speed[:3])])
+        assert (np.abs(moving.state.joint_speeds) <= 0.951 * ur10e[2]).all()
         assert time < 20.0
     return np.array(rows), moving

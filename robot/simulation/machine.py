@@ -242,6 +242,8 @@ class Machine:
         """
         if all(map(float.__le__, map(abs, speeds), self._fastest)):
             return
+        if not all(map(math.isfinite, speeds)):
+            raise ReachError("the arm is led to no place at all")
         share = [abs(speed) / most for speed, most in zip(speeds, self._fastest, strict=True)]
         joint = share.index(max(share))
         found = f"joint {joint + 1} is led at {math.degrees(abs(speeds[joint])):.0f} degrees/s"
@@ -299,7 +301,7 @@ class Machine:
 
     def play_program(self) -> bool:
         """Go on with a program that is held; whether there is one and the robot may move."""
-        if self.runtime is not RuntimeState.PAUSED or not self.may_move:
+        if self.runtime not in {RuntimeState.PAUSED, RuntimeState.PAUSING} or not self.may_move:
             return False
         if self.motion is not None:
             self.motion.resume()

@@ -50,7 +50,7 @@ EVERYWHERE = {
     "get robot model": "UR10",
     "load there.urp": "Loading program: there.urp",
     "load installation default.installation": "Loading installation: default.installation",
-    "play": "Failed to execute: play",
+    "play": "Starting program",
     "pause": "Failed to execute: pause",
     "stop": "Stopped",
     "power on": "Powering on",

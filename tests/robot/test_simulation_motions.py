@@ -274,19 +274,69 @@ def test_slider_and_pause_leave_the_arm_on_its_path(rig, line) -> None:
     assert (np.abs(np.diff(joints, axis=0)) < LIMITS * CYCLE).all()
 
 
+@pytest.mark.parametrize(
+    "line", ["movej([1, -1.57, -1.57, -1.57, 1.57, 0], v=1)", f"movel({pose(y=300)}, a=1, v=0.5)"]
+)
+def test_a_pause_that_is_taken_back_while_the_arm_brakes_goes_on_from_there(rig, line) -> None:
+    whole = rig.run(START, line)
+    rig.run(f"movej({HOME}, v=1)")
+    rig.load(START, line)
+    rig.seen.clear()
+    rig.steps(0.5)
+    rig.machine.pause_program()
+    rig.steps(0.01)
+    assert rig.machine.runtime is RuntimeState.PAUSING
+    assert rig.machine.play_program()
+    while rig.machine.runtime is RuntimeState.PLAYING:
+        rig.step()
+        assert len(rig.seen) * CYCLE < 5.0
+    rows = rig.rows()
+    assert rows.joints[-1] == pytest.approx(whole.joints[-1], abs=1e-9)
+    # It goes on where it was, at its speed.
+    assert (np.abs(np.diff(rows.joint_speeds[1:], axis=0)) < 0.2).all()
+
+
 # -- limits
 
 
 def test_a_joint_that_would_turn_too_fast_stops_the_arm(rig) -> None:
     rig.run(f"movej({[0.0, -1.57, -1.57, 0.0, 0.35, 0.0]}, v=1)")
     seen = len(rig.seen)
-    rig.load(f"movel({[0.0, -1.57, -1.57, 0.0, -0.35, 0.0]}, a=1, v=0.1)")  # past the wrist's singularity
-    rig.steps(3.0)
+    rig.load("speedj([4, 0, 0, 0, 0, 0], a=20, t=3)")
+    rig.steps(1.0)
     assert rig.machine.safety is SafetyMode.PROTECTIVE_STOP
     assert rig.machine.runtime is not RuntimeState.PLAYING
     assert rig.machine.motion is None or rig.machine.motion.resting
     steps = np.abs(np.diff(rig.rows().joints[seen:], axis=0)).max(axis=0)
-    assert (steps < 3.0 * LIMITS * CYCLE * 1.001).all()
+    assert (steps < 1.02 * LIMITS * CYCLE).all()
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+@pytest.mark.parametrize(
+    "line",
+    [
+        "movej([x, 0, 0, 0, 0, 0])",
+        "movej(get_actual_joint_positions(), a=x)",
+        "movel([x, 0, 0, 0, 0, 0])",
+        "movel(p[0.5, 0.2, x, 0, 3, 0])",
+        "movel(get_actual_tcp_pose(), t=x)",
+        "movep(get_actual_tcp_pose(), r=x)",
+        "servoj([x, 0, 0, 0, 0, 0])",
+        "servoj(get_actual_joint_positions(), t=x)",
+        "servoc(p[0.5, 0.2, x, 0, 3, 0])",
+        "speedj([x, 0, 0, 0, 0, 0], a=1, t=1)",
+        "speedl([x, 0, 0, 0, 0, 0], a=1, t=1)",
+        "speedl([0, 0, 0.01, 0, 0, 0], a=1, t=1, aRot=x)",
+    ],
+)
+def test_what_is_no_number_moves_nothing(rig, line, number) -> None:
+    rig.machine.input_doubles[0] = number
+    told = []
+    rig.machine.on_fault = told.append
+    rows = rig.run("x = read_input_float_register(0)", line)
+    assert "must be finite" in str(told[0])
+    assert "line 3" in str(told[0])
+    assert (rows.joints == np.array(HOME)).all()
 
 
 @pytest.mark.parametrize(

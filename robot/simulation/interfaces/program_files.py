@@ -32,7 +32,7 @@ class ProgramFiles:
 
     def load(self, name: str) -> bool:
         """Load a program by its name, or its path in the folder; whether there is one."""
-        text = "" if self._folder is None else self._read(name)
+        text = as_program(PurePosixPath(name).stem, "") if self._folder is None else self._read(name)
         if text is None or not name:
             return False
         self.path, self.text = str(FOLDER / name), text

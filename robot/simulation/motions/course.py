@@ -41,6 +41,17 @@ class Piece:
     towards: Numbers = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Where on a course somebody was."""
+
+    pieces: list[Piece]
+    exits: list[float]
+    on: float
+    speed: float
+    ahead: float
+
+
 class Course:
     """Pieces ahead, and how far and how fast they are run.
 
@@ -103,9 +114,25 @@ class Course:
         self._exits = leaving
         self.gentlest = min([piece.acceleration for piece in pieces], default=math.inf)
 
+    def braking(self, speed: float) -> float:
+        """Part of the last piece that it takes to slow down to a speed; of what is before, all is used for that."""
+        excess = self.speed**2 - speed**2
+        for i, piece in enumerate(self.pieces[:-1]):
+            excess -= 2.0 * piece.acceleration * (piece.length - (self.on if i == 0 else 0.0))
+        return max(excess, 0.0) / (2.0 * self.pieces[-1].acceleration)
+
     def here(self) -> Numbers:
         """What stands at the place that is reached; there must be a piece."""
         return self.pieces[0].at(self.on)
+
+    def mark(self) -> Mark:
+        """Where it is now, to go `back` to."""
+        return Mark(self.pieces.copy(), self._exits.copy(), self.on, self.speed, self.ahead)
+
+    def back(self, mark: Mark) -> None:
+        """Undo what was run since a mark; nothing was appended or cut since."""
+        self.pieces, self._exits = mark.pieces.copy(), mark.exits.copy()
+        self.on, self.speed, self.ahead = mark.on, mark.speed, mark.ahead
 
     def run(self, seconds: float) -> Numbers | None:
         """Run for a time; what stands at the end if it was reached."""

@@ -62,17 +62,26 @@ class ToldMotion(ABC):
         if self.finished or seconds <= 0.0:
             return
         if self._braking:
-            end = self._course.coast(seconds, self._braking)
+            end = self._coast(seconds)
             self.resting = self._course.speed <= 0.0
         else:
             self._share = share
             self._look_ahead(path_seconds)
-            end = self._course.run(path_seconds)
+            end = self._run(seconds, path_seconds)
         if end is not None:
             self.finished = self.resting = True
             self.asking = False
         now = self._course.speed * (1.0 if self._braking else share)
         self._see(end if end is not None else self._course.here(), now, seconds)
+
+    def _run(self, seconds: float, path_seconds: float) -> Numbers | None:
+        """Run along the course for a time that the slider has made less; what stands at the end if it was reached."""
+        del seconds
+        return self._course.run(path_seconds)
+
+    def _coast(self, seconds: float) -> Numbers | None:
+        """Brake along the course for a time; what stands at the end if it was reached."""
+        return self._course.coast(seconds, self._braking)
 
     @property
     def passing(self) -> bool:

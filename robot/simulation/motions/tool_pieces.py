@@ -141,11 +141,11 @@ def corner_between(before: Leg, after: Leg) -> float:
     return math.atan2(math.hypot(*_cross(u, v)), _dot(u, v))
 
 
-def rounding(before: Leg, after: Leg, radius: float, bend: float, target: Target) -> Piece:
+def rounding(before: Leg, after: Leg, radius: float, bend: float, target: Target) -> tuple[Piece, float]:
     """The blend that leaves one leg at a distance before its end and joins the next at the same distance behind.
 
     Between lines it is the arc that touches both, else a curve whose distance from the corner is less than the radius.
-    Orientation goes over evenly from the one's turn to the other's.
+    Orientation goes over evenly from the one's turn to the other's. With it comes its pace, as a leg has one.
     """
     w1, w2 = ([radius / leg.length * r for r in leg.turn] for leg in (before, after))
     if not (isinstance(before, Line) and isinstance(after, Line)):
@@ -166,7 +166,7 @@ def rounding(before: Leg, after: Leg, radius: float, bend: float, target: Target
     a, b = math.hypot(*w1), math.hypot(*w2)
     fastest = max(_slope(u, steep) * a + _slope(1.0 - u, steep) * b for u in _TRIED) if a + b > 0.0 else 0.0
     pace = length / (TURN_LENGTH * fastest) if TURN_LENGTH * fastest > length else 1.0
-    return Piece(length, target.speed * pace, target.acceleration * pace, at, towards=after.end)
+    return Piece(length, target.speed * pace, target.acceleration * pace, at, towards=after.end), pace
 
 
 def _fading(u: float, steep: float) -> float:

@@ -8,7 +8,7 @@ the motion behind; if nothing takes it over in the same cycle, the arm brakes.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from robot.simulation.motions.told_motion import ToldMotion
 from robot.simulation.motions.tool_motion import ToolMotion
 from robot.simulation.motions.tool_pieces import Target
 from robot.simulation.urscript import Refusal
-from robot.simulation.urscript.values import Pose, Value, kind, number, numbers, written
+from robot.simulation.urscript.values import Pose, Value, finite, kind, numbers, written
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from robot.simulation.motions.motion import Motion
 
     Array = npt.NDArray[np.float64]
+
+Led = TypeVar("Led", bound=ToolMotion)
 
 HALF_A_CYCLE = 0.001
 """By which a time is over too early, s: cycles do not come quite evenly, and one that is asked for is to be one."""
@@ -126,7 +128,7 @@ class ScriptMoves:
             1000.0 * positive(a, "a"),
             blend=1000.0 * radius(r),
             via=via[9:],
-            keeps=number(mode, "mode") == 1.0,
+            keeps=finite(mode, "mode") == 1.0,
         )
         yield from self._tool(target)
 
@@ -138,9 +140,14 @@ class ScriptMoves:
         motion = machine.motion
         if not (type(motion) is ToolMotion and motion.passing):
             yield from self._stand(tool=target.acceleration)
-            motion = ToolMotion(machine.arm, machine.tool, machine.state, machine.limits, self._wake())
+            motion = self._from_rest(ToolMotion, self._wake())
         motion.add(target)
         yield from self._lead(motion)
+
+    def _from_rest(self, kind: type[Led], ask: Callable[[], None]) -> Led:
+        """A motion that leads the tool from where it rests."""
+        machine = self._machine
+        return kind(machine.arm, machine.tool, machine.state, machine.limits, machine.fastest.tolist(), ask)
 
     def _lead(self, motion: ToldMotion) -> Iterator[None]:
         """Let a motion go on until it has come to its end or asks for the next target."""
@@ -176,7 +183,7 @@ class ScriptMoves:
             motion = ServoMotion(machine.arm, machine.tool, machine.state)
         self._take(motion)
         motion.aim(aim, lag)
-        yield from self._for(number(t, "t"))
+        yield from self._for(finite(t, "t"))
 
     def servoc(self, pose: Value, a: Value, v: Value, r: Value) -> Iterator[None]:
         """Lead the tool to a target that may change in every cycle."""
@@ -188,7 +195,7 @@ class ScriptMoves:
         motion = machine.motion
         if not isinstance(motion, Pursuit):
             yield from self._stand(tool=target.acceleration)
-            motion = Pursuit(machine.arm, machine.tool, machine.state, machine.limits, lambda: None)
+            motion = self._from_rest(Pursuit, lambda: None)
         self._take(motion)
         motion.follow(target)
         yield from self._for(0.0)
@@ -196,7 +203,7 @@ class ScriptMoves:
     def speedl(self, xd: Value, a: Value, t: Value, aRot: Value) -> Iterator[None]:
         """Bring the tool to a speed: for a time, or until it is reached."""
         target = millimetres(tuple(numbers(xd, 6, "xd")))
-        acceleration, turning, seconds = positive(a, "a"), number(aRot, "aRot"), duration(t)
+        acceleration, turning, seconds = positive(a, "a"), finite(aRot, "aRot"), duration(t)
         yield from self._arrive()
         motion = self._speeding(of_tool=True)
         motion.aim(target, 1000.0 * acceleration, turning)
@@ -232,7 +239,7 @@ class ScriptMoves:
 
     def stopl(self, a: Value, aRot: Value) -> Iterator[None]:
         """Bring the tool to rest."""
-        yield from self._halt(tool=1000.0 * positive(a, "a"), turning=number(aRot, "aRot"))
+        yield from self._halt(tool=1000.0 * positive(a, "a"), turning=finite(aRot, "aRot"))
 
     def stopj(self, a: Value) -> Iterator[None]:
         """Bring the joints to rest."""
@@ -298,7 +305,7 @@ class ScriptMoves:
     def frame(self, value: Value) -> Numbers:
         """The tool's frame, mm, that a pose in m or joint angles ask for."""
         if type(value) is Pose:
-            return frame_at(millimetres(value))
+            return frame_at(millimetres(tuple(numbers(value, 6, "the pose"))))
         if type(value) is not list:
             raise Refusal(f"a pose p[...] or six joint angles are needed, not {kind(value)}")
         machine = self._machine
@@ -327,7 +334,7 @@ def positive(value: Value, what: str) -> float:
     Raises:
         Refusal: it is none.
     """
-    found = number(value, what)
+    found = finite(value, what)
     if not 0.0 < found < math.inf:
         raise Refusal(f"{what} must be above 0, not {found:g}")
     return found
@@ -335,7 +342,7 @@ def positive(value: Value, what: str) -> float:
 
 def radius(value: Value) -> float:
     """A blend radius, m."""
-    found = number(value, "r")
+    found = finite(value, "r")
     if not 0.0 <= found < math.inf:
         raise Refusal(f"r must be 0 or above, not {found:g}")
     return found
@@ -347,7 +354,7 @@ def duration(value: Value) -> float:
     Raises:
         Refusal: it is none.
     """
-    found = number(value, "t")
+    found = finite(value, "t")
     if not 0.0 <= found < math.inf:
         raise Refusal(f"t must be 0 or above, not {found:g}")
     return found
@@ -359,7 +366,7 @@ def within(value: Value, what: str, least: float, most: float) -> float:
     Raises:
         Refusal: it is beyond them.
     """
-    found = number(value, what)
+    found = finite(value, what)
     if not least <= found <= most:
         raise Refusal(f"{what} must be {least:g} to {most:g}, not {found:g}")
     return found

@@ -164,7 +164,19 @@ def numbers(value: Value, count: int, what: str) -> list[float]:
     if type(value) not in (list, Pose) or len(value) != count:
         has = f" of {len(value)}" if isinstance(value, list) else ""
         raise Refusal(f"{what} must be {count} numbers, not {kind(value)}{has}")
-    return [number(item, what) for item in value]
+    return [finite(item, what) for item in value]
+
+
+def finite(value: Value, what: str) -> float:
+    """A number that is one: registers may hold others.
+
+    Raises:
+        Refusal: it is none.
+    """
+    found = number(value, what)
+    if not math.isfinite(found):
+        raise Refusal(f"{what} must be finite, not {found}")
+    return found
 
 
 def wrapped(value: int) -> int:
