@@ -58,9 +58,8 @@ def simulated_cell(request: pytest.FixtureRequest) -> Iterator[SimulatedCell]:
         try:
             cell = start(**options)
         except (pytest.UsageError, PlanningError, RobotError) as error:
-            pytest.fail(
-                str(error), pytrace=False
-            )  # the sentence says what to do, a traceback only where we are
+            # The sentence says what to do; a traceback would say only where we are.
+            pytest.fail(str(error), pytrace=False)
         yield cell
 
 
@@ -98,6 +97,6 @@ def _starting() -> Iterator[Starter]:
 
 
 def _end(simulated: SimulatedCell) -> None:
-    """End a cell; what it complained about is shown with a test that fails."""
+    """End a cell; what its simulators said is shown with a test that fails."""
     sys.stderr.write(simulated.complaints())
     simulated.stop()

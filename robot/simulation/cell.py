@@ -18,7 +18,7 @@ from planning import load_cell
 from planning.configuration import find_configuration
 from robot.errors import CellUnreachable, PortTakenError, RobotError
 
-from .clock import ProcessClock
+from .clock import FASTEST, SLOWEST, ProcessClock
 from .deposition import PUMP_FILE, ROBOT_FILE, write_deposition
 from .fault_script import load_fault_script
 from .faults import Fault, inject
@@ -86,7 +86,7 @@ class SimulatedCell:
 
         Args:
             cell: a cell file, or the name of a shipped one.
-            time_scale: process seconds in a wall second.
+            time_scale: process seconds in a wall second, 0.1 to 50.
             host: address for robot and pump instead of the cell's own.
             version: PolyScope version that the robot says it is.
             start_delay: wall seconds until an uploaded program starts, at most 0.5.
@@ -111,7 +111,7 @@ class SimulatedCell:
             RobotError: an option is out of its range, or the trace's folder cannot be made.
         """
         for name, number, least, most in (
-            ("time_scale", time_scale, 1e-3, 1e3),
+            ("time_scale", time_scale, SLOWEST, FASTEST),
             ("start_delay", start_delay, 0.0, LONGEST_START_DELAY),
             ("power_delay", power_delay, 0.0, LONGEST),
             ("protective_stop_delay", protective_stop_delay, 0.0, LONGEST),

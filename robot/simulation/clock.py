@@ -5,6 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+SLOWEST, FASTEST = 0.1, 50.0
+"""Bounds of the scale of a cell that users start."""
+
 
 @dataclass(frozen=True)
 class ProcessClock:

@@ -128,7 +128,7 @@ class Controller:
         """
         with told_of_taken_ports(self.host, CONTROLLER_PORT):
             await asyncio.get_running_loop().create_datagram_endpoint(
-                lambda: FaultPort(self.effects), local_addr=(self.host, CONTROLLER_PORT)
+                lambda: FaultPort(self.effects, "controller"), local_addr=(self.host, CONTROLLER_PORT)
             )
 
     def close(self) -> None:

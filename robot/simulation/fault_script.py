@@ -73,10 +73,14 @@ class FaultValues(Table):
         if taken is None:
             return {}
         given = getattr(self, taken.name)
-        try:
-            return checked(fault, {} if given is None else {taken.name: given})
-        except ValueError as error:
-            raise ValueError(f"'{fault}' {error}") from None
+        return _taken(fault, {} if given is None else {taken.name: given})
+
+
+def _taken(fault: Fault, given: dict[str, Any]) -> dict[str, Any]:
+    try:
+        return checked(fault, given)
+    except ValueError as error:
+        raise ValueError(f"'{fault}' {error}") from None
 
 
 class ScriptedFault(FaultValues):
@@ -116,12 +120,7 @@ class ScriptedFault(FaultValues):
             raise ValueError("`every` goes with `at`")
         if self.times is not None and self.every is None and given[0] in {"at", "waypoint"}:
             raise ValueError("`times` goes with `every`, `when_near` or `when_register`")
-        values = self.of(self.fault)
-        taken = VALUES.get(self.fault)
-        for name in FaultValues.model_fields:
-            if getattr(self, name) is not None and (taken is None or taken.name != name):
-                takes = f"takes `{taken.name}`" if taken else "takes no values"
-                raise ValueError(f"'{self.fault}' {takes}, not `{name}`")
+        values = _taken(self.fault, self.model_dump(include=set(FaultValues.model_fields), exclude_none=True))
         if self.lasts is not None and lifting(self.fault, values) is None:
             raise ValueError(f"nothing takes '{self.fault}' back; leave `lasts` out")
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot.errors import RobotError
 
-from .faults import PUMP_PORT, Effect, Fault
+from .faults import PUMP_PORT, Effect, Fault, described
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -33,11 +33,12 @@ class FaultSender(asyncio.DatagramProtocol):
 
     def send(self, time: float, fault: Fault, values: dict[str, Any]) -> None:
         """Make a fault happen that was due at a process time."""
-        said = "".join(f", {name} {value:g}" for name, value in values.items())
-        _say(f"fault at {time:.3f} s: {fault}{said}")
+        _say(f"fault at {time:.3f} s: {described(fault, values)}")
         if fault.value.startswith("pump"):
             if self._transport is not None:
-                self._transport.sendto(json.dumps({"fault": fault.value, **values}).encode())
+                self._transport.sendto(
+                    json.dumps({"fault": fault.value, "scripted": True, **values}).encode()
+                )
             return
         try:
             self._effects[fault](values)

@@ -11,6 +11,7 @@ import asyncio
 import difflib
 import json
 import socket
+import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -206,11 +207,20 @@ def checked(fault: Fault, values: dict[str, Any]) -> dict[str, Any]:
         ValueError: one is missing or wrong.
     """
     taken = VALUES.get(fault)
+    for name in values:
+        if taken is None or name != taken.name:
+            raise ValueError(f"takes {f'`{taken.name}`' if taken else 'no values'}, not `{name[:40]}`")
     if taken is None:
         return values
     if taken.name not in values:
         raise ValueError(f"takes `{taken.name}`, {taken.range}")
-    return {**values, taken.name: taken.checked(values[taken.name])}
+    return {taken.name: taken.checked(values[taken.name])}
+
+
+def described(fault: Fault, values: Mapping[str, Any]) -> str:
+    """A fault and what it takes, in a line."""
+    taken = VALUES.get(fault)
+    return fault.value if taken is None else f"{fault}, {taken.name} {values[taken.name]:g}"
 
 
 def named(name: object) -> Fault:
@@ -275,10 +285,12 @@ class FaultPort(asyncio.DatagramProtocol):
 
     Args:
         faults: one function for each fault that the simulator has; may change.
+        owner: the simulator, as it says on stderr what was asked of it.
     """
 
-    def __init__(self, faults: Mapping[Fault, Effect]) -> None:
+    def __init__(self, faults: Mapping[Fault, Effect], owner: str) -> None:
         self._faults = faults
+        self._owner = owner
 
     def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
         self._transport = transport
@@ -298,6 +310,7 @@ class FaultPort(asyncio.DatagramProtocol):
         if not isinstance(asked, dict) or "fault" not in asked:
             raise ValueError('send one JSON object, {"fault": NAME} with the values that it takes')
         fault = named(asked.pop("fault"))
+        scripted = asked.pop("scripted", False)  # then it was said already
         if fault not in self._faults:
             whose, port = _taker(fault)
             raise ValueError(f"'{fault}' is the {whose}'s: send it to port {port} at the {whose}'s address")
@@ -306,4 +319,6 @@ class FaultPort(asyncio.DatagramProtocol):
         except ValueError as error:
             raise ValueError(f"'{fault}' {error}") from None
         answer = self._faults[fault](values) or {}
+        if fault is not Fault.PUMP_REPORT and not scripted:
+            print(f"{self._owner}: asked for: {described(fault, values)}", file=sys.stderr, flush=True)
         return {**answer, "wall": time.monotonic()}

@@ -99,7 +99,7 @@ def test_the_simulators_die_with_a_killed_parent() -> None:
 @pytest.mark.parametrize(
     ("option", "value", "says"),
     [
-        ("time_scale", 0.0, "`time_scale` must be 0.001 to 1000, not 0"),
+        ("time_scale", 0.0, "`time_scale` must be 0.1 to 50, not 0"),
         ("start_delay", 0.6, "`start_delay` must be 0 to 0.5, not 0.6"),
         ("trip", float("nan"), "`trip` must be 0 to 3600, not nan"),
         ("hopper", -1.0, "`hopper` must be 0 to inf, not -1"),

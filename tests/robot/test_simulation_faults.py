@@ -327,6 +327,8 @@ def test_a_reboot_cuts_everything_and_leaves_the_arm_where_it_was(cell, ready, l
         (b'{"fault": "rtde moot"}', "there is no such fault; did you mean 'rtde mute'?"),
         (b'{"fault": ["speed slider"]}', "there is no such fault"),
         (b'{"fault": "pump mute"}', "'pump mute' is the pump's: send it to port 30098 at the pump's address"),
+        (b'{"fault": "speed slider", "fraction": 1, "bar": 2}', "'speed slider' takes `fraction`, not `bar`"),
+        (b'{"fault": "rtde drop", "bar": 2}', "'rtde drop' takes no values, not `bar`"),
         (b'{"fault": "speed slider"}', "'speed slider' takes `fraction`, 0 to 1"),
         (b'{"fault": "speed slider", "fraction": NaN}', "'speed slider' takes `fraction`, 0 to 1, not nan"),
         (b'{"fault": "speed slider", "fraction": 1e999}', "'speed slider' takes `fraction`, 0 to 1, not inf"),

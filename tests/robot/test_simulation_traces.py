@@ -130,6 +130,7 @@ def test_a_fault_comes_at_a_registers_value_and_lasts(traced):
 
 def test_each_fault_is_told_once_with_its_time(traced):
     lines = [line for line in traced[1]["news"] if "fault at" in line]
+    assert not [line for line in traced[1]["news"] if "asked for: pump hopper" in line]
     assert [line.split(": ", 2)[2] for line in lines] == [
         "pump hopper, level 1e+09",
         "digital input, number 1",

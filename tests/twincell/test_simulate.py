@@ -72,6 +72,10 @@ def test_it_runs_a_script_of_faults_and_writes_traces(host, tmp_path):
             "time scale 3; Ctrl-C ends it"
         )
         assert inject(host, "pump report")["volume"] == 0.0
+        inject(host, "speed slider", fraction=0.25)
+        command.until("controller: asked for: speed slider, fraction 0.25")
+        inject(host, "pump trip")
+        command.until("pump: asked for: pump trip")
         code, out, err = command.end(signal.SIGINT)
     assert (code, err) == (0, "")
     assert out.strip().splitlines()[-1] == f"traces in {folder}"
@@ -110,6 +114,12 @@ def test_a_value_out_of_its_range_is_a_matter_of_usage(twincell, words, says):
     code, _, err = twincell("simulate", "--host", "127.0.35.9", *words)
     assert code in {1, 2}
     assert f"--{says}" in re.sub(r"\x1b\[[\d;]*m", "", err)
+
+
+def test_a_dry_run_is_no_slower_than_real(twincell, tmp_path):
+    code, _, err = twincell("run", str(tmp_path), "--simulate", "--time-scale", "0.5")
+    assert code == 2
+    assert "'--time-scale': Input should be greater than or equal to 1" in re.sub(r"\x1b\[[\d;]*m", "", err)
 
 
 def test_a_wrong_version_is_one_sentence(twincell, one_sentence):

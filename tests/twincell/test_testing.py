@@ -61,7 +61,7 @@ WRONG = {
     "(version='5.12', speed=3)": "twincell(): got an unexpected keyword argument 'speed'",
     "(4)": "name the options of twincell(), as in time_scale=4",
     "(cell='no-such-cell')": "no-such-cell: no such file",
-    "(time_scale=0)": "`time_scale` must be 0.001 to 1000, not 0",
+    "(time_scale=0)": "`time_scale` must be 0.1 to 50, not 0",
 }
 
 

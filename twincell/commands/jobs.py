@@ -11,12 +11,12 @@ import typer
 from twincell.choices import Subdivision, Units, Up
 from twincell.showing import console, errors, say, show_result
 
-from .arguments import JobFolder, Json, TimeScale
+from .arguments import DryRunScale, JobFolder, Json
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="folder of the demo's job")] = Path("out/demo"),
-    time_scale: TimeScale = 8.0,
+    time_scale: DryRunScale = 8.0,
 ) -> None:
     """Do the whole main job on a vault springer: slice, plan, check, print on a simulated cell, export for FEA."""
     from twincell.demo import demo as run_demo
@@ -124,7 +124,7 @@ def run(
         bool, typer.Option("--simulate", help="print on a simulated cell started for it")
     ] = False,
     dry: Annotated[bool, typer.Option("--dry", help="move without pumping")] = False,
-    time_scale: TimeScale = 1.0,
+    time_scale: DryRunScale = 1.0,
     as_json: Json = False,
 ) -> None:
     """Print the job on its cell."""

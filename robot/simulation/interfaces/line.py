@@ -204,8 +204,10 @@ class _Outgoing:
         self.write(b"".join(lines))
 
     def send(self, data: bytes) -> None:
-        """Send, or hold for as long as the port is late."""
+        """Send, or hold for as long as the port is late; nothing to a client that has gone."""
         delay = self._port.delay
+        if self._transport.is_closing():
+            return
         if delay == 0.0 and not self._held:
             self._transport.write(data)
             return

@@ -28,6 +28,10 @@ PORTS = (30001, 30002, 30003)
 PACE = 0.004  # s of wall time between two programs: a flood of them leaves the cycle its time
 
 
+LONGEST_NAME = 80
+"""Of what was sent for a program, as a complaint tells it."""
+
+
 class ScriptPorts:
     """Takes programs and starts those that are understood.
 
@@ -57,7 +61,7 @@ class ScriptPorts:
 
     async def start(self, text: str) -> bool:
         """Start a program, in place of the one that runs, or obey a command; whether it does start."""
-        name = text.strip().splitlines()[0]
+        name = text.strip().splitlines()[0][:LONGEST_NAME]
         if not self._remote:
             self._complain(f"'{name}' refused: the robot is in local control")
             return False

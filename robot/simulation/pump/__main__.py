@@ -111,7 +111,7 @@ async def _main(options: argparse.Namespace) -> None:
         listening = await server.listen(host, port)
     with told_of_taken_ports(host, PUMP_PORT):
         await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: FaultPort(_effects(drive, server)), local_addr=(host, PUMP_PORT)
+            lambda: FaultPort(_effects(drive, server), "pump"), local_addr=(host, PUMP_PORT)
         )
     with contextlib.ExitStack() as stack:
         tasks = [asyncio.create_task(drive.watch())]

@@ -177,8 +177,14 @@ class _Connection(asyncio.Protocol):
         self._working = None
 
     def _answer(self, request: Request, pdu: bytes | None) -> None:
-        if pdu is not None and self._transport is not None and not self._server.muted:
-            self._transport.write(self._framing.frame(request, pdu))
+        transport = self._transport
+        if (
+            pdu is not None
+            and transport is not None
+            and not self._server.muted
+            and not transport.is_closing()
+        ):
+            transport.write(self._framing.frame(request, pdu))
 
     def _read_or_wait(self) -> None:
         if self._transport is None or self._transport.is_closing():
