@@ -1,6 +1,8 @@
 """The simulated controller under load: one robot at 500 Hz, then four at 125 Hz, each with a client that receives
 values and one that streams positions by servoL. The clients are processes of their own: receiving is bare RTDE, so that
-what is measured is the controller, and streaming is ur-rtde.
+what is measured is the controller, and streaming is ur-rtde. Beside them runs a bare timer of the same period, which
+tells how evenly the machine itself lets a process wake up: no arrivals are more even than that. What the machine's host
+kept for others is told as well.
 
 `--seconds 600` is the figure that counts, on a machine that does nothing else.
 """
@@ -89,7 +91,25 @@ def stream(host, frequency, seconds):
     return {"failed": failed, "calls": calls}
 
 
-ROLES = {"receive": receive, "stream": stream}
+def tick(_, frequency, seconds):
+    """Periods of a timer that wakes a process which does nothing, s."""
+    wait_for_all()
+    woke, due = [], time.monotonic()
+    end = due + seconds
+    while due < end:
+        due += 1.0 / frequency
+        time.sleep(max(due - time.monotonic(), 0.0))
+        woke.append(time.monotonic())
+    return {"woke": np.diff(woke).tolist()}
+
+
+ROLES = {"receive": receive, "stream": stream, "tick": tick}
+
+
+def stolen():
+    """Time that the machine's host has kept for others so far, s over all processors; 0 where it does not say."""
+    fields = Path("/proc/stat").read_text(encoding="ascii").splitlines()[0].split()
+    return int(fields[8]) / os.sysconf("SC_CLK_TCK")
 
 
 def used(process):
@@ -107,27 +127,29 @@ def load(robots, frequency, seconds):
             )
             for _ in range(robots)
         ]
+        roles = [(role, cell.host) for cell in cells for role in ("receive", "stream")] + [("tick", "")]
         clients = [
             subprocess.Popen(
-                [sys.executable, __file__, "--role", role, cell.host, str(frequency), str(seconds)],
+                [sys.executable, __file__, "--role", role, host, str(frequency), str(seconds)],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
             )
-            for cell in cells
-            for role in ROLES
+            for role, host in roles
         ]
         for client in clients:
             client.stdout.readline()  # it is connected
         before, began = [used(cell.process_ids["controller"]) for cell in cells], time.monotonic()
+        stolen_before = stolen()
         for client in clients:
             client.stdin.write(b"go\n")
             client.stdin.flush()
         time.sleep(seconds)
         after, elapsed = [used(cell.process_ids["controller"]) for cell in cells], time.monotonic() - began
+        kept = (stolen() - stolen_before) / (elapsed * (os.cpu_count() or 1))
         said = [json.loads(client.communicate()[0]) for client in clients]
     period = 1.0 / frequency
     print(f"{robots} robot{'s' * (robots > 1)} at {frequency:g} Hz for {seconds:g} s:")
-    for name, key in (("cycles", "stamps"), ("arrivals", "arrived")):
+    for name, key in (("cycles", "stamps"), ("arrivals", "arrived"), ("timer", "woke")):
         periods = np.concatenate([found[key] for found in said if key in found])
         inside = np.mean(np.abs(periods - period) <= 1e-3)
         p50, p99 = 1e3 * np.percentile(periods, [50, 99])
@@ -139,6 +161,7 @@ def load(robots, frequency, seconds):
     print(f"  servoL    {calls} calls, {failed} refused")
     shares = [(b - a) / elapsed for a, b in zip(before, after, strict=True)]
     print("  CPU       " + ", ".join(f"{share:.1%}" for share in shares) + " of one core per controller")
+    print(f"  host      kept {kept:.1%} of the machine for others")
 
 
 def main():

@@ -162,11 +162,14 @@ KINDS = {RTDE: of_rtde, DASHBOARD: of_dashboard, SCRIPTS: of_script, INTERPRETER
 
 
 def send(rng, port, count) -> None:
-    """Inputs on one connection, or on the next if the controller ends it; its answers are read now and then."""
+    """Inputs on one connection, or on the next if the controller ends it; its answers are read now and then.
+
+    Most connections are closed only when all of it was taken; the others at once.
+    """
     left = count
     while left > 0:
         with socket.create_connection((HOST, port), 5.0) as connection, contextlib.suppress(OSError):
-            for _ in range(rng.randrange(1, 40)):
+            for _ in range(rng.randrange(1, 6)):
                 connection.setblocking(True)
                 connection.settimeout(5.0)
                 left -= 1
@@ -174,6 +177,11 @@ def send(rng, port, count) -> None:
                 connection.setblocking(False)
                 with contextlib.suppress(BlockingIOError):
                     connection.recv(65536)
+            if rng.random() < 0.8:
+                connection.settimeout(5.0)
+                connection.shutdown(socket.SHUT_WR)
+                while connection.recv(65536):
+                    pass
 
 
 def attack(simulated, count, seed) -> None:
