@@ -5,6 +5,7 @@ import time
 
 import pytest
 from pumps.alone import Line, cell_file, pump_alone
+from waiting import timed
 
 from robot.pump_map import load_pump_map
 from robot.simulation.clock import ProcessClock
@@ -14,7 +15,6 @@ from robot.simulation.pump.server import ModbusServer
 
 HOST = "127.0.34.13"
 TRIP = 0.25
-timed = pytest.mark.flaky(reruns=2)
 
 
 @pytest.fixture(scope="module")

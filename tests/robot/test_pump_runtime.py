@@ -7,6 +7,7 @@ import time
 
 import pytest
 from pumps.alone import cell_file, pump_alone
+from waiting import timed
 
 from planning import load_cell
 from robot.errors import CellUnreachable, PumpError
@@ -22,7 +23,6 @@ SERVED = [
     ("m-tec-p20", "rtu over tcp"),
     ("accelerator-doser", "tcp"),
 ]
-timed = pytest.mark.flaky(reruns=2)
 
 
 @pytest.fixture(scope="module", params=SERVED, ids=" ".join)

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from printable import at, first_curve
+from waiting import timed
 
 from planning import SegmentKind, load_cell
 from robot.chunks import split
@@ -22,9 +23,6 @@ from robot.simulation import Fault, SimulatedCell
 
 HOST = "127.0.0.41"
 SCALE = 6.0
-
-# A machine that holds one of the processes up for 50 ms takes 0.3 s of printing out of the pump law's hands.
-held_up = pytest.mark.flaky(reruns=2, only_rerun=[".*"])
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +67,7 @@ def volume_after(simulated, seconds):
     return simulated.inject(Fault.PUMP_REPORT)["volume"] - before
 
 
-@held_up
+@timed
 def test_a_whole_print(simulated, cell, two_layers, tmp_path):
     journal = tmp_path / "journal.sqlite"
     before = simulated.inject(Fault.PUMP_REPORT)["volume"]
@@ -100,7 +98,7 @@ def test_a_whole_print(simulated, cell, two_layers, tmp_path):
     assert split(two_layers)[2].start <= waypoint < len(two_layers)
 
 
-@held_up
+@timed
 def test_the_slider_changes_nothing_about_the_bead(simulated, cell, one_bead, tmp_path):
     simulated.inject(Fault.SPEED_SLIDER, fraction=0.5)
     try:

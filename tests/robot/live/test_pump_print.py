@@ -8,6 +8,7 @@ import time
 import pytest
 from printable import at, first_curve
 from pumps.alone import cell_file
+from waiting import timed
 
 from planning import load_cell
 from robot.errors import PumpError
@@ -17,7 +18,7 @@ from robot.simulation import Fault, SimulatedCell
 
 HOST = "127.0.34.20"
 DEAF = "127.0.44.20"
-SCALE = 4.0
+SCALE = 2.0
 
 KINDS = {
     "m-tec-p20": {"period_s": 0.02},
@@ -27,9 +28,7 @@ KINDS = {
 """The generic map prints in the other tests."""
 
 
-@pytest.mark.flaky(
-    reruns=2
-)  # a machine that holds one of the processes up takes printing out of the pump law's hands
+@timed
 @pytest.mark.parametrize("name", list(KINDS))
 def test_a_bead_is_printed(name, two_layers, tmp_path):
     path = cell_file(tmp_path, name, host=HOST, **KINDS[name])

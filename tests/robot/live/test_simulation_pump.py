@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 from pumps.alone import Line, cell_file, pump_alone
-from waiting import until
+from waiting import timed, until
 
 from robot.errors import RobotError
 from robot.simulation import Fault
@@ -23,9 +23,6 @@ SETTINGS = {
     "hose_diameter": 20.0,
     "hose_length": RESIDENCE * FLOW / (0.25 * math.pi * 400.0),
 }
-
-# What is timed to 20 ms is done again when the machine held a process up for longer.
-timed = pytest.mark.flaky(reruns=2)
 
 
 @pytest.fixture(scope="module")
