@@ -92,6 +92,7 @@ class PumpLink:
         self._heartbeat, self._beat_at = 0, 0.0
         self._written: dict[str, list[int]] = {}  # what the drive has taken, where that is remembered
         self._settled_at = 0.0
+        self._ran = False  # the last command was not to stand
         self._asked = self._worth_asking()
 
     @property
@@ -124,12 +125,17 @@ class PumpLink:
     async def command(self, flow: float) -> float:
         """Tell the drive to give a flow; the flow that it was told, mm³/s.
 
+        A first stop is not held up by answers that are still to come; those that repeat it are.
+
         Raises:
             NoGoodAnswerError: it may not have taken it.
             PumpError: the flow does not fit into its register.
         """
         at, commands = self.map.registers, self.map.commands
         told = self.map.told(flow)
+        if told or not self._ran:
+            await self._settle()
+        self._ran = bool(told)
         # A stop comes before the flow, a start after it: nothing runs at a flow that was left there.
         values = {"command": [commands.forward if told else commands.stop], "set_flow": self.map.words(flow)}
         if not told or at.heartbeat is not None:
@@ -208,7 +214,7 @@ class PumpLink:
         else:
             answer = await self._good(self._client.write_registers, address, words)
         if answer.function_code not in {6, 16} or answer.address != address:
-            raise NoGoodAnswerError("it answers another request")
+            raise self._another()
 
     async def _read_words(self, wanted: list[Register | StatusBit]) -> dict[tuple[str, int], int]:
         """The words of some values, by table and address."""
@@ -240,10 +246,10 @@ class PumpLink:
         assert self._client is not None
         client = self._client
         read = client.read_input_registers if table == "input" else client.read_holding_registers
-        await asyncio.sleep(self._settled_at - time.monotonic())
+        await self._settle()
         answer = await self._good(read, first, count=count)
         if answer.function_code not in {3, 4} or len(answer.registers) != count:
-            raise NoGoodAnswerError("it answers another request")
+            raise self._another()
         return list(answer.registers)
 
     async def _good(self, ask: Callable[..., Awaitable[ModbusPDU]], *values: Any, **named: Any) -> ModbusPDU:
@@ -260,8 +266,18 @@ class PumpLink:
             raise NoGoodAnswerError(f"it refuses with {answer}")
         return answer
 
+    def _another(self) -> NoGoodAnswerError:
+        """An answer to something else has come; the right one is still on its way."""
+        self._unsettle()
+        return NoGoodAnswerError("it answers another request")
+
+    async def _settle(self) -> None:
+        """Wait until no answer is to be expected that belongs to an earlier request."""
+        if (left := self._settled_at - time.monotonic()) > 0.0:
+            await asyncio.sleep(left)
+
     def _unsettle(self) -> None:
-        """Ask for nothing until a late answer has come, which on a serial line looks like any other."""
+        """Ask for nothing but a first stop until a late answer has come: on a serial line it looks like any other."""
         if self.serial:
             self._settled_at = time.monotonic() + SETTLING
 

@@ -2,7 +2,9 @@
 
 import asyncio
 import contextlib
+import os
 import re
+import signal
 import time
 
 import pytest
@@ -13,6 +15,7 @@ from planning import load_cell
 from robot.errors import CellUnreachable, PumpError
 from robot.pump import LOSS, STOPPING, Pump
 from robot.pump_judge import DOUBT
+from robot.pump_link import TIMEOUT
 from robot.simulation import Fault
 
 HOST = "127.0.34.30"
@@ -222,6 +225,7 @@ def test_a_drive_that_stood_and_falls_silent_is_no_danger(drive):
         asyncio.run(lead(silence))
 
 
+@timed
 def test_a_slow_line_is_led_too(drive):
     async def lead():
         async with Led(drive.cell.pump) as led:
@@ -262,3 +266,36 @@ def test_a_period_too_long_for_the_drive_is_refused(tmp_path):
     led = Led(settings)
     with pytest.raises(PumpError, match=r"pump 'nervous'.*every 0.1 s.*period_s of 0.06 s"):
         asyncio.run(led.pump.start())
+
+
+@timed
+def test_late_answers_are_not_taken_for_those_of_what_was_asked_next(drive):
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.4)
+
+            async def lead_on(seconds):  # something is written in every exchange
+                end = time.monotonic() + seconds
+                while time.monotonic() < end:
+                    await led.flow(0.9 * FLOW, 0.01)
+                    await led.flow(FLOW, 0.01)
+
+            for _ in range(3):
+                seen = len(led.readings)
+                os.kill(drive.pid, signal.SIGSTOP)
+                await lead_on(TIMEOUT + 0.02)
+                os.kill(drive.pid, signal.SIGCONT)
+                await lead_on(0.5)
+                assert not led.failures
+                flows = [reading.flow for reading in led.readings[seen:]]
+                assert len(flows) > 3
+                assert all(0.88 * FLOW < flow < 1.02 * FLOW for flow in flows)
+
+    drive.inject(
+        Fault.PUMP_SLOW, seconds=0.013
+    )  # so that one answer is still to come when the next request is sent
+    try:
+        asyncio.run(lead())
+    finally:
+        os.kill(drive.pid, signal.SIGCONT)
+        drive.inject(Fault.PUMP_SLOW, seconds=0.0)
