@@ -17,7 +17,7 @@ demo: $(INSTALLED)
 # than the guard waits: such a test is run once more.
 JOB := tests/twincell/test_demo.py
 REAL_TIME := tests/robot/live
-AGAIN := --reruns 2 --only-rerun "has been silent for" --only-rerun "has given no good answer for"
+AGAIN := --reruns 2 --only-rerun "ha[sd] been silent for" --only-rerun "has given no good answer for"
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --ignore=$(JOB) --ignore=$(REAL_TIME)

@@ -10,6 +10,7 @@ It hears the robot through the supervisor's own listener and the arm process thr
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable
 
@@ -32,6 +33,12 @@ ORDER = 0.2
 
 SETTLE = 0.05
 """Time for which states from before the end of a window may still arrive, s."""
+
+HELD_UP = 0.05
+"""A silence of the arm process that may have cost the controller's watchdog its kick, s; it speaks every 8 ms."""
+
+MEMORY = 0.2
+"""Time for which such a silence counts as the cause of what comes behind it, s."""
 
 SAFETY = {
     2: "protective stop",
@@ -66,6 +73,7 @@ class Guard:
         self._stop = stop
         self._armed = False
         self._robot_heard = self._arm_heard = self._window_end = self._order_end = 0.0
+        self._held_up, self._held_up_end = 0.0, -math.inf
 
     def arm(self) -> None:
         """Begin to watch: the robot's program runs and both sides are heard."""
@@ -87,13 +95,17 @@ class Guard:
             and not state.playing
             and self._robot_heard > max(self._window_end, self._order_end)
         ):
-            reason = "the program on the controller was stopped or paused"
+            reason = (
+                f"the program on the controller was stopped or paused{self._perhaps_for_want_of_a_kick()}"
+            )
         if reason is not None:
             self._trip(reason)
 
     def hear(self, window: float) -> None:
         """Note a word from the arm process, which may now be silent for `window` seconds."""
         before, self._arm_heard = self._arm_heard, time.monotonic()
+        if self._arm_heard - before > HELD_UP and before > self._window_end:
+            self._held_up, self._held_up_end = self._arm_heard - before, self._arm_heard
         if window > 0:
             self._window_end = self._arm_heard + min(window, WINDOW_MAX)
         elif before < self._window_end:
@@ -122,6 +134,19 @@ class Guard:
                 elif now - self._arm_heard > SILENCE and now > self._window_end:
                     self._trip(f"the arm process has been silent for {now - self._arm_heard:.2f} s")
             before = now
+
+    def _perhaps_for_want_of_a_kick(self) -> str:
+        """What is to be added where the arm process has just been, or still is, too silent for the watchdog."""
+        now = time.monotonic()
+        silent = now - self._arm_heard
+        if now - self._held_up_end < MEMORY:
+            silent = max(silent, self._held_up)
+        if silent < HELD_UP:
+            return ""
+        return (
+            f": the arm process had been silent for {silent:.2f} s, and the controller's watchdog waits no longer "
+            "than 0.1 s; leave this computer to the print"
+        )
 
     def _trip(self, reason: str) -> None:
         self._armed = False

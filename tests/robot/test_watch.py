@@ -1,6 +1,7 @@
 """The guard stops on everything that says stop, once, and on nothing else."""
 
 import asyncio
+import re
 import time
 
 import numpy as np
@@ -84,6 +85,29 @@ def test_a_window_ends_by_itself(guard, reasons):
     time.sleep(0.06)
     guard.see(state(playing=False))
     assert len(reasons) == 1
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_a_program_that_stopped_for_want_of_a_kick_says_so(guard, reasons, again):
+    guard.hear(window=0.0)
+    time.sleep(0.08)
+    if again:
+        guard.hear(window=0.0)
+    guard.see(state(playing=False))
+    assert re.search(r"stopped or paused: the arm process had been silent for 0\.[01]\d s", reasons[0])
+
+
+def test_a_program_that_stopped_long_after_a_silence_has_another_reason(guard, reasons):
+    guard.hear(window=0.05)
+    time.sleep(0.08)
+    guard.hear(window=0.0)
+    time.sleep(0.06)
+    guard.hear(window=0.0)
+    for _ in range(5):
+        time.sleep(0.045)
+        guard.hear(window=0.0)
+    guard.see(state(playing=False))
+    assert reasons[0].endswith("stopped or paused")
 
 
 def test_a_safety_bit_counts_inside_the_window(guard, reasons):

@@ -141,17 +141,38 @@ def test_a_stop_of_the_robot_stops_the_pump_for_good(simulated, cell, one_bead, 
     assert volume_after(simulated, 0.2) < 1.0
 
 
+def signal_arm(number):
+    """Send a signal to the print's arm process."""
+    children = subprocess.run(
+        ["ps", "-o", "pid=,args=", "--ppid", str(os.getpid())], check=True, capture_output=True, text=True
+    )
+    found = [line.split()[0] for line in children.stdout.splitlines() if "robot.arm_process" in line]
+    os.kill(int(found[0]), number)
+
+
+def test_an_arm_process_that_is_held_up_is_the_reason(simulated, cell, one_bead, tmp_path):
+    journal = tmp_path / "journal.sqlite"
+
+    def hold_up():
+        signal_arm(signal.SIGSTOP)
+        time.sleep(0.3)
+        signal_arm(signal.SIGCONT)
+
+    thread, _ = when_flowing(journal, hold_up)
+    with pytest.raises(
+        StoppedError, match=r"the arm process ha[sd] been silent for 0\.[01]\d s.*layer 0, curve 0"
+    ):
+        run(one_bead, cell, journal)
+    thread.join()
+    assert read_samples(journal)["command"][-1] == 0.0
+    time.sleep(0.4)
+    assert volume_after(simulated, 0.2) < 1.0
+
+
 def test_a_killed_arm_process_stops_the_pump(simulated, cell, one_bead, tmp_path):
     journal = tmp_path / "journal.sqlite"
 
-    def kill():
-        children = subprocess.run(
-            ["ps", "-o", "pid=,args=", "--ppid", str(os.getpid())], check=True, capture_output=True, text=True
-        )
-        found = [line.split()[0] for line in children.stdout.splitlines() if "robot.arm_process" in line]
-        os.kill(int(found[0]), signal.SIGKILL)
-
-    thread, _ = when_flowing(journal, kill)
+    thread, _ = when_flowing(journal, lambda: signal_arm(signal.SIGKILL))
     with pytest.raises(ArmError, match="signal 9"):
         run(one_bead, cell, journal)
     thread.join()
