@@ -134,7 +134,8 @@ def test_a_motion_comes_where_it_is_sent(bench, name):
 
 def test_optimised_moves_came_with_a_version(bench):
     error = bench.error(f"optimovej({HOME})")
-    assert (error.message, error.line, error.column) == ("there is no function 'optimovej'", 2, 3)
+    assert error.message.startswith("there is no function 'optimovej' here")
+    assert (error.line, error.column) == (2, 3)
     newer = Bench((5, 22, 0, 0))
     newer.run(f"movej({HOME}, a=20, v=2)")
     newer.places.clear()

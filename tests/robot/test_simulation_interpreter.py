@@ -118,7 +118,10 @@ def test_statements_run_in_order_and_see_the_program(client):
     [
         ("tell(", "expected a value, not the end of the program, line 1, column 6"),
         ("tell(nobody)", "there is no variable 'nobody', line 1, column 6"),
-        ("fly()", "there is no function 'fly', line 1, column 1"),
+        (
+            "fly()",
+            "there is no function 'fly' here (docs/simulator.md says which there are), line 1, column 1",
+        ),
         ("end", "expected a value, not 'end', line 1, column 1"),
     ],
 )

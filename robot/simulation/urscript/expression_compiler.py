@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import difflib
 from typing import TYPE_CHECKING, Any
 
 from .errors import ScriptSyntaxError
@@ -13,7 +14,7 @@ from .scopes import Known, Scopes, defined
 from .values import LONGEST
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
 _OPERATIONS = {
     "+": "add",
@@ -37,6 +38,9 @@ _ARRAYS = {
     "analog_in": ("get_analog_in", ""),
 }
 """Inputs and outputs as older programs write them, `digital_out[2] = True`: what reads and what sets one."""
+
+ALIKE = 0.75
+"""How alike two names are, 0 to 1, if the one may be a slip of the other."""
 
 _TRUE_OR_FALSE = frozenset({"<", "<=", ">", ">=", "==", "!=", "xor", "and", "or"})
 
@@ -121,9 +125,10 @@ class ExpressionCompiler:
 
     def _variable(self, part: Name) -> ast.expr:
         if part.name not in self._known.local and part.name not in self.scopes.names:
-            hint = (
-                "; call it with ()" if part.name in self._library or defined(self._known, part.name) else ""
-            )
+            if part.name in self._library or defined(self._known, part.name):
+                hint = "; call it with ()"
+            else:
+                hint = _near(part.name, self._known.local | self.scopes.names)
             raise ScriptSyntaxError(f"there is no variable '{part.name}'{hint}", part.line, part.column)
         return load(f"v_{part.name}")
 
@@ -150,7 +155,7 @@ class ExpressionCompiler:
             return self._call_of_program(part, known)
         found = self._library.get(part.name)
         if found is None:
-            raise ScriptSyntaxError(f"there is no function '{part.name}'", part.line, part.column)
+            raise self._no_function(part)
         self.calls.add(part.name)
         given = self._arguments(part, [name for name, _ in found.parameters])
         arguments = []
@@ -160,6 +165,12 @@ class ExpressionCompiler:
             arguments.append(ast.Constant(default) if value is None else self._expression(value))
         made: ast.expr = placed(call(f"b_{part.name}", *arguments), part)
         return ast.YieldFrom(made) if found.takes_time else made
+
+    def _no_function(self, part: Call) -> ScriptSyntaxError:
+        """Nothing has this name: it is a slip, or one of a controller's functions that are not simulated."""
+        names = {name for known in self.scopes.functions for name in known.inner} | set(self._library)
+        hint = _near(part.name, names) or " here (docs/simulator.md says which there are)"
+        return ScriptSyntaxError(f"there is no function '{part.name}'{hint}", part.line, part.column)
 
     def _call_of_program(self, part: Call, known: Known) -> ast.expr:
         function = known.function
@@ -197,3 +208,10 @@ class ExpressionCompiler:
                 raise ScriptSyntaxError(f"'{name}' is given twice", value.line, value.column)
             given[name] = value
         return [given.get(name) for name in names]
+
+
+def _near(name: str, names: Collection[str]) -> str:
+    """What a name may have been meant to be."""
+    lowered = {other.lower(): other for other in sorted(names)}
+    near = difflib.get_close_matches(name.lower(), lowered, n=1, cutoff=ALIKE)
+    return f"; did you mean '{lowered[near[0]]}'?" if near else ""
