@@ -17,7 +17,7 @@ from planning import cell
 
 from .errors import CellUnreachable, PumpError
 from .pump_judge import FAINT, PumpJudge
-from .pump_link import TIMEOUT, NoGoodAnswerError, PumpLink, PumpReading
+from .pump_link import NoGoodAnswerError, PumpLink, PumpReading
 
 LOSS = 0.25
 """Age of the last good answer at which the drive is lost, s of wall time."""
@@ -73,7 +73,7 @@ class Pump:
         self._wanted, self._wanted_since = 0.0, 0.0
         self._sent = 0.0
         self._pumped = 0.0  # flow that was measured before the last stop
-        self._stands = True
+        self._stands = self._told_to_stand = True
         self._shown = ""
         self._patience_ends = math.inf
         self._stopped = self._closing = self._complained = False
@@ -140,7 +140,8 @@ class Pump:
         self._stopped = True
         self._wanted, self._wanted_since = 0.0, time.monotonic()
         if self._exchange_task is not None:
-            grace = TIMEOUT if self._link.serial else GRACE
+            self._link.hurry()
+            grace = self._link.timeout if self._link.serial else GRACE
             asyncio.get_running_loop().call_later(grace, self._exchange_task.cancel)
         self._wake.set()
 
@@ -245,8 +246,14 @@ class Pump:
 
     async def _try_exchange(self, flow: float) -> PumpReading | None:
         """One exchange, or None where the drive did not answer well."""
+        if self._link.map.told(flow) or self._told_to_stand:  # what first tells it to stand waits for nothing
+            await self._link.settle()
+            if flow and self._stopped:
+                return None  # on to the zero
+            flow = self._wanted if flow else 0.0
         began = time.monotonic()
         since = self._wanted_since
+        self._told_to_stand = not self._link.map.told(flow)
         if self._stands and self._link.map.told(flow):
             self._stands, self._pumped = False, 0.0
         self._shown = ""

@@ -7,6 +7,7 @@ what has changed, as a serial line has no time to spare.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import math
 import time
@@ -32,11 +33,16 @@ if TYPE_CHECKING:
 TIMEOUT = 0.1
 """For one request, s; pymodbus would take 12 s by default to notice a mute drive."""
 
+SERIAL_TIMEOUT = 0.07
+"""The same where a serial line is behind the connection, s: one lost answer, settling and another exchange are to take
+less time than the drive is given to say anything good.
+"""
+
 HEARTBEAT_PERIOD = 0.1
 """Wall time between two counts of the heartbeat, s; a drive watches for half a second or more."""
 
-SETTLING = 0.5 * TIMEOUT
-"""Time that a late answer may take on a serial line, s."""
+SETTLING = 0.05
+"""Time that a late answer is waited for beside that on a serial line, s, before something else is asked."""
 
 _COUNTS = 1 << 16
 
@@ -80,19 +86,22 @@ class PumpLink:
     Attributes:
         map: the register map.
         serial: whether there is a serial line behind the connection.
+        timeout: for one request, s.
         wrote: whether the last command had anything to write.
     """
 
     def __init__(self, settings: cell.Pump) -> None:
         self.map = pump_map(settings)
         self.serial = self.map.transport == "rtu over tcp"
+        self.timeout = SERIAL_TIMEOUT if self.serial else TIMEOUT
         self.wrote = False
         self._settings = settings
         self._client: AsyncModbusTcpClient | None = None
         self._heartbeat, self._beat_at = 0, 0.0
         self._written: dict[str, list[int]] = {}  # what the drive has taken, where that is remembered
-        self._settled_at = 0.0
-        self._ran = False  # the last command was not to stand
+        self._owed = 0  # answers that are still to come
+        self._expected_until = 0.0
+        self._go_on = asyncio.Event()
         self._asked = self._worth_asking()
 
     @property
@@ -106,10 +115,12 @@ class PumpLink:
             self._settings.host,
             port=self._settings.port,
             framer=FramerType.RTU if self.serial else FramerType.SOCKET,
-            timeout=TIMEOUT,
+            timeout=self.timeout,
             retries=0,
             reconnect_delay=0.05,
             reconnect_delay_max=0.5,
+            trace_pdu=self._count_answers,
+            trace_connect=self._owe_nothing,
         )
         return await self._client.connect()
 
@@ -122,10 +133,20 @@ class PumpLink:
         """Write everything anew: it is not known what the drive has taken."""
         self._written.clear()
 
+    async def settle(self) -> None:
+        """Wait until no answer is to be expected that belongs to an earlier request, or until `hurry`."""
+        self._go_on.clear()
+        left = self._expected_until - time.monotonic()
+        if self.serial and self._owed and left > 0.0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._go_on.wait(), left)
+
+    def hurry(self) -> None:
+        """End the waiting that is under way."""
+        self._go_on.set()
+
     async def command(self, flow: float) -> float:
         """Tell the drive to give a flow; the flow that it was told, mm³/s.
-
-        A first stop is not held up by answers that are still to come; those that repeat it are.
 
         Raises:
             NoGoodAnswerError: it may not have taken it.
@@ -133,9 +154,6 @@ class PumpLink:
         """
         at, commands = self.map.registers, self.map.commands
         told = self.map.told(flow)
-        if told or not self._ran:
-            await self._settle()
-        self._ran = bool(told)
         # A stop comes before the flow, a start after it: nothing runs at a flow that was left there.
         values = {"command": [commands.forward if told else commands.stop], "set_flow": self.map.words(flow)}
         if not told or at.heartbeat is not None:
@@ -213,7 +231,8 @@ class PumpLink:
             answer = await self._good(self._client.write_register, address, words[0])
         else:
             answer = await self._good(self._client.write_registers, address, words)
-        if answer.function_code not in {6, 16} or answer.address != address:
+        echoed = answer.function_code != 6 or answer.registers == words[:1] or not self.serial
+        if answer.function_code not in {6, 16} or answer.address != address or not echoed:
             raise self._another()
 
     async def _read_words(self, wanted: list[Register | StatusBit]) -> dict[tuple[str, int], int]:
@@ -246,7 +265,7 @@ class PumpLink:
         assert self._client is not None
         client = self._client
         read = client.read_input_registers if table == "input" else client.read_holding_registers
-        await self._settle()
+        await self.settle()
         answer = await self._good(read, first, count=count)
         if answer.function_code not in {3, 4} or len(answer.registers) != count:
             raise self._another()
@@ -257,29 +276,36 @@ class PumpLink:
         try:  # without a connection the call itself fails, not what it returns
             answer = await ask(*values, device_id=self.map.device_id, **named)
         except (ModbusException, OSError) as error:
-            self._unsettle()
+            self._expect()
             raise NoGoodAnswerError(str(error)) from error
         except asyncio.CancelledError:
-            self._unsettle()
+            self._expect()
             raise
         if answer.isError():
+            self._expect()
             raise NoGoodAnswerError(f"it refuses with {answer}")
         return answer
 
     def _another(self) -> NoGoodAnswerError:
         """An answer to something else has come; the right one is still on its way."""
-        self._unsettle()
+        self._owed = max(self._owed, 1)
+        self._expect()
         return NoGoodAnswerError("it answers another request")
 
-    async def _settle(self) -> None:
-        """Wait until no answer is to be expected that belongs to an earlier request."""
-        if (left := self._settled_at - time.monotonic()) > 0.0:
-            await asyncio.sleep(left)
+    def _expect(self) -> None:
+        """Expect a late answer, which on a serial line looks like any other."""
+        self._expected_until = time.monotonic() + SETTLING
 
-    def _unsettle(self) -> None:
-        """Ask for nothing but a first stop until a late answer has come: on a serial line it looks like any other."""
-        if self.serial:
-            self._settled_at = time.monotonic() + SETTLING
+    def _count_answers(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        """Count what is sent and what comes back, whoever still waits for it."""
+        self._owed = self._owed + 1 if sending else max(self._owed - 1, 0)
+        if not self._owed:
+            self._go_on.set()
+        return pdu
+
+    def _owe_nothing(self, _connected: bool) -> None:
+        self._owed = 0
+        self._go_on.set()
 
 
 def _count(place: Register | StatusBit) -> int:

@@ -15,7 +15,6 @@ from planning import load_cell
 from robot.errors import CellUnreachable, PumpError
 from robot.pump import LOSS, STOPPING, Pump
 from robot.pump_judge import DOUBT
-from robot.pump_link import TIMEOUT
 from robot.simulation import Fault
 
 HOST = "127.0.34.30"
@@ -42,6 +41,14 @@ def drive(request, tmp_path_factory):
     )
     with pump_alone(HOST, path) as alone:
         yield alone
+
+
+@pytest.fixture
+def serial_line(drive):
+    """Each request takes as long as one of 8 bytes and its answer at 19200 baud."""
+    drive.inject(Fault.PUMP_SLOW, seconds=0.013)
+    yield
+    drive.inject(Fault.PUMP_SLOW, seconds=0.0)
 
 
 class Led:
@@ -226,7 +233,7 @@ def test_a_drive_that_stood_and_falls_silent_is_no_danger(drive):
 
 
 @timed
-def test_a_slow_line_is_led_too(drive):
+def test_a_slow_line_is_led_too(drive, serial_line):
     async def lead():
         async with Led(drive.cell.pump) as led:
             for share in (0.2, 0.4, 0.6, 0.8, 1.0):
@@ -240,11 +247,7 @@ def test_a_slow_line_is_led_too(drive):
                 assert time.monotonic() - began < 0.2
                 await asyncio.sleep(0.001)
 
-    drive.inject(Fault.PUMP_SLOW, seconds=0.013)  # a request of 8 bytes and its answer at 19200 baud
-    try:
-        asyncio.run(lead())
-    finally:
-        drive.inject(Fault.PUMP_SLOW, seconds=0.0)
+    asyncio.run(lead())
 
 
 def test_another_device_gives_no_good_answer(drive, monkeypatch):
@@ -268,34 +271,74 @@ def test_a_period_too_long_for_the_drive_is_refused(tmp_path):
         asyncio.run(led.pump.start())
 
 
+async def change(led, seconds):
+    """Something is written in every exchange."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        await led.flow(0.9 * FLOW, 0.01)
+        await led.flow(FLOW, 0.01)
+
+
 @timed
-def test_late_answers_are_not_taken_for_those_of_what_was_asked_next(drive):
+def test_late_answers_are_not_taken_for_those_of_what_was_asked_next(drive, serial_line):
     async def lead():
         async with Led(drive.cell.pump) as led:
             await led.flow(FLOW, 0.4)
-
-            async def lead_on(seconds):  # something is written in every exchange
-                end = time.monotonic() + seconds
-                while time.monotonic() < end:
-                    await led.flow(0.9 * FLOW, 0.01)
-                    await led.flow(FLOW, 0.01)
-
             for _ in range(3):
                 seen = len(led.readings)
                 os.kill(drive.pid, signal.SIGSTOP)
-                await lead_on(TIMEOUT + 0.02)
+                await change(led, 0.12)
                 os.kill(drive.pid, signal.SIGCONT)
-                await lead_on(0.5)
+                await change(led, 0.5)
                 assert not led.failures
                 flows = [reading.flow for reading in led.readings[seen:]]
                 assert len(flows) > 3
                 assert all(0.88 * FLOW < flow < 1.02 * FLOW for flow in flows)
 
-    drive.inject(
-        Fault.PUMP_SLOW, seconds=0.013
-    )  # so that one answer is still to come when the next request is sent
     try:
         asyncio.run(lead())
     finally:
         os.kill(drive.pid, signal.SIGCONT)
-        drive.inject(Fault.PUMP_SLOW, seconds=0.0)
+
+
+async def lose(drive):
+    """Lose what is asked in a time that is shorter than an exchange."""
+    drive.inject(Fault.PUMP_MUTE)
+    await asyncio.sleep(0.01)
+    drive.inject(Fault.PUMP_UNMUTE)
+
+
+@timed
+def test_a_lost_answer_is_no_loss_of_the_drive(drive, serial_line):
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW, 0.4)
+            for _ in range(4):
+                await lose(drive)
+                await change(led, 0.4)
+                assert not led.failures
+
+    drive.inject(Fault.PUMP_SLOW, seconds=0.018)
+    asyncio.run(lead())
+
+
+@timed
+@pytest.mark.parametrize("runs", [True, False])
+@pytest.mark.parametrize("waited", [0.01, 0.03])
+def test_a_stop_does_not_wait_for_a_late_answer(drive, serial_line, runs, waited):
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(FLOW if runs else 0.0, 0.4)
+            led.pump.set(0.9 * FLOW)
+            await lose(drive)
+            await led.flow(FLOW, led.pump._link.timeout - 0.01 + waited)
+            began = time.monotonic()
+            led.pump.stop()
+            while drive.report()["state"] == "forward":
+                assert time.monotonic() - began < 0.05
+                await asyncio.sleep(0.001)
+            while time.monotonic() - began < 0.3:
+                assert drive.report()["state"] != "forward"
+                await asyncio.sleep(0.001)
+
+    asyncio.run(lead())
