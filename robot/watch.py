@@ -34,11 +34,13 @@ ORDER = 0.2
 SETTLE = 0.05
 """Time for which states from before the end of a window may still arrive, s."""
 
-HELD_UP = 0.05
-"""A silence of the arm process that may have cost the controller's watchdog its kick, s; it speaks every 8 ms."""
+HELD_UP = 0.07
+"""A silence of the arm process that may have cost the controller's watchdog its kicks, s: they come every 20 ms, and it
+waits for 100.
+"""
 
-MEMORY = 0.2
-"""Time for which such a silence counts as the cause of what comes behind it, s."""
+MEMORY = 0.05
+"""Time within which the robot shows a program that stopped in such a silence, s."""
 
 SAFETY = {
     2: "protective stop",
@@ -73,11 +75,12 @@ class Guard:
         self._stop = stop
         self._armed = False
         self._robot_heard = self._arm_heard = self._window_end = self._order_end = 0.0
+        self._silent_from = 0.0  # the arm process, as far as this process can tell
         self._held_up, self._held_up_end = 0.0, -math.inf
 
     def arm(self) -> None:
         """Begin to watch: the robot's program runs and both sides are heard."""
-        self._robot_heard = self._arm_heard = time.monotonic()
+        self._robot_heard = self._arm_heard = self._silent_from = time.monotonic()
         self._armed = True
 
     def disarm(self) -> None:
@@ -86,7 +89,10 @@ class Guard:
 
     def see(self, state: RobotState) -> None:
         """Judge a state of the robot."""
-        self._robot_heard = time.monotonic()
+        before, self._robot_heard = self._robot_heard, time.monotonic()
+        if self._robot_heard - before > STALL:  # neither was heard
+            self._silent_from = max(self._silent_from, self._robot_heard)
+            self._held_up_end = -math.inf
         if not self._armed:
             return
         reason = unsafe(state)
@@ -95,19 +101,18 @@ class Guard:
             and not state.playing
             and self._robot_heard > max(self._window_end, self._order_end)
         ):
-            reason = (
-                f"the program on the controller was stopped or paused{self._perhaps_for_want_of_a_kick()}"
-            )
+            reason = f"the program on the controller was stopped or paused{self._silence()}"
         if reason is not None:
             self._trip(reason)
 
     def hear(self, window: float) -> None:
         """Note a word from the arm process, which may now be silent for `window` seconds."""
         before, self._arm_heard = self._arm_heard, time.monotonic()
-        if self._arm_heard - before > HELD_UP and before > self._window_end:
-            self._held_up, self._held_up_end = self._arm_heard - before, self._arm_heard
+        if self._arm_heard - self._silent_from > HELD_UP:
+            self._held_up, self._held_up_end = self._arm_heard - self._silent_from, self._arm_heard
+        self._silent_from = self._arm_heard + min(max(window, 0.0), WINDOW_MAX)
         if window > 0:
-            self._window_end = self._arm_heard + min(window, WINDOW_MAX)
+            self._window_end = self._silent_from
         elif before < self._window_end:
             self._window_end = min(self._window_end, self._arm_heard + SETTLE)
 
@@ -135,17 +140,15 @@ class Guard:
                     self._trip(f"the arm process has been silent for {now - self._arm_heard:.2f} s")
             before = now
 
-    def _perhaps_for_want_of_a_kick(self) -> str:
-        """What is to be added where the arm process has just been, or still is, too silent for the watchdog."""
+    def _silence(self) -> str:
+        """What is to be added where the arm process has just been, or still is, silent for long enough."""
         now = time.monotonic()
-        silent = now - self._arm_heard
-        if now - self._held_up_end < MEMORY:
-            silent = max(silent, self._held_up)
+        silent = max(now - self._silent_from, self._held_up if now - self._held_up_end < MEMORY else 0.0)
         if silent < HELD_UP:
             return ""
         return (
-            f": the arm process had been silent for {silent:.2f} s, and the controller's watchdog waits no longer "
-            "than 0.1 s; leave this computer to the print"
+            f"; the arm process had been silent for {silent:.2f} s, and the controller's watchdog waits for 0.1 s: if "
+            "nobody stopped it, leave this computer to the print"
         )
 
     def _trip(self, reason: str) -> None:

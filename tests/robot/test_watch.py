@@ -87,27 +87,84 @@ def test_a_window_ends_by_itself(guard, reasons):
     assert len(reasons) == 1
 
 
-@pytest.mark.parametrize("again", [True, False])
-def test_a_program_that_stopped_for_want_of_a_kick_says_so(guard, reasons, again):
-    guard.hear(window=0.0)
-    time.sleep(0.08)
-    if again:
-        guard.hear(window=0.0)
-    guard.see(state(playing=False))
-    assert re.search(r"stopped or paused: the arm process had been silent for 0\.[01]\d s", reasons[0])
+class Clock:
+    """A clock that is put forward by hand, in place of the guard's."""
+
+    def __init__(self):
+        self.now = 1000.0
+
+    def monotonic(self):
+        return self.now
 
 
-def test_a_program_that_stopped_long_after_a_silence_has_another_reason(guard, reasons):
-    guard.hear(window=0.05)
-    time.sleep(0.08)
-    guard.hear(window=0.0)
-    time.sleep(0.06)
-    guard.hear(window=0.0)
-    for _ in range(5):
-        time.sleep(0.045)
-        guard.hear(window=0.0)
+@pytest.fixture
+def clock(monkeypatch):
+    made = Clock()
+    monkeypatch.setattr("robot.watch.time", made)
+    return made
+
+
+@pytest.fixture
+def go_on(clock, guard):
+    """Let time pass in which the robot speaks every 2 ms and the arm process every 8 ms, or does not."""
+
+    def pass_time(seconds, *, arm=True, robot=True):
+        for i in range(round(seconds / 0.002)):
+            clock.now += 0.002
+            if robot:
+                guard.see(state())
+            if arm and i % 4 == 3:
+                guard.hear(0.0)
+
+    guard.arm()
+    pass_time(0.5)
+    return pass_time
+
+
+STOPPED = "the program on the controller was stopped or paused"
+
+
+@pytest.mark.parametrize("later", [0.0, 0.008, 0.04])
+def test_a_program_that_stopped_while_the_arm_process_was_silent_says_so(guard, reasons, go_on, later):
+    go_on(0.08, arm=False)
+    go_on(later)
     guard.see(state(playing=False))
-    assert reasons[0].endswith("stopped or paused")
+    assert re.match(rf"{STOPPED}; the arm process had been silent for 0\.0[89] s, and ", reasons[0])
+
+
+@pytest.mark.parametrize(("silent", "later"), [(0.06, 0.0), (0.09, 0.08), (0.0, 0.0)])
+def test_a_program_that_stopped_for_another_reason_does_not(guard, reasons, go_on, silent, later):
+    go_on(silent, arm=False)
+    go_on(later)
+    guard.see(state(playing=False))
+    assert reasons == [STOPPED]
+
+
+@pytest.mark.parametrize("arm_first", [True, False])
+def test_being_held_up_itself_is_no_silence_of_the_arm_process(guard, reasons, go_on, clock, arm_first):
+    clock.now += 0.09
+    if arm_first:
+        guard.hear(0.0)
+    guard.see(state(playing=False))
+    assert reasons == [STOPPED]
+
+
+@pytest.mark.parametrize(("window", "silent", "says"), [(0.3, 0.36, STOPPED), (0.3, 0.38, "for 0.08 s")])
+def test_in_an_upload_the_arm_process_may_be_silent(guard, reasons, go_on, window, silent, says):
+    guard.hear(window)
+    go_on(silent, arm=False)
+    guard.see(state(playing=False))
+    assert says in reasons[0]
+    assert (says == STOPPED) == (reasons[0] == STOPPED)
+
+
+def test_a_silence_right_behind_an_upload_counts(guard, reasons, go_on):
+    guard.hear(1.0)
+    go_on(0.2, arm=False)
+    guard.hear(0.0)
+    go_on(0.09, arm=False)
+    guard.see(state(playing=False))
+    assert "silent for 0.09 s" in reasons[0]
 
 
 def test_a_safety_bit_counts_inside_the_window(guard, reasons):
