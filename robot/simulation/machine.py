@@ -159,7 +159,9 @@ class Machine:
         )
         self._program: Program | None = None
         self._loaded: tuple[float, Program] | None = None  # wall time at which it starts
-        self._watchdog: tuple[int, float] | None = None  # register, longest silence in s of wall time
+        self._watchdog: tuple[int, float, bool] | None = (
+            None  # register, longest silence in s of wall time, pause?
+        )
         self._written = [0.0] * 48  # wall time of the last write to each integer input register
         self._last_wall: float | None = None
 
@@ -169,7 +171,8 @@ class Machine:
         """Advance to a process time; `wall` is the monotonic clock."""
         seconds = max(0.0, now - self.time)
         self.before, self.elapsed = self.state, seconds
-        late = self._last_wall is not None and wall - self._last_wall > LATE
+        if self._last_wall is not None and wall - self._last_wall > LATE:
+            self._written = [wall] * 48
         self.time, self._last_wall = now, wall
         self.cycles += 1
         self.power.advance(now)
@@ -180,10 +183,13 @@ class Machine:
             self._tell_program(began=True)
             self._written = [wall] * 48
             self.runtime = RuntimeState.PLAYING
-        if self._watchdog and not late and self.runtime is RuntimeState.PLAYING:
-            register, longest = self._watchdog
+        if self._watchdog and self.runtime is RuntimeState.PLAYING:
+            register, longest, pauses = self._watchdog
             if wall - self._written[register] > longest:
-                self.stop_program(f"no write to input_int_register_{register} for {longest:.3f} s")
+                if pauses:
+                    self.pause_program()
+                else:
+                    self.stop_program(f"no write to input_int_register_{register} for {longest:.3f} s")
         for poll in self.fieldbus:
             poll()
         if self._program is not None and self.runtime is RuntimeState.PLAYING:
@@ -309,9 +315,9 @@ class Machine:
         self.runtime = RuntimeState.PLAYING
         return True
 
-    def watch(self, register: int, longest: float) -> None:
-        """Stop the program when an integer input register is not written for a time, s of wall time."""
-        self._watchdog = (register, longest) if longest > 0.0 else None
+    def watch(self, register: int, longest: float, *, pauses: bool) -> None:
+        """Pause or stop the program when an integer input register is not written for a time, s of wall time."""
+        self._watchdog = (register, longest, pauses) if longest > 0.0 else None
         self._written[register] = self._last_wall or 0.0
 
     def write_input_int(self, register: int, value: int, wall: float) -> None:

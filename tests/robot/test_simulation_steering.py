@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from arm_rig import CYCLE, HOME, START, Rig, pose
 
+from robot.simulation.machine import RuntimeState
+
 
 @pytest.fixture
 def rig() -> Rig:
@@ -165,3 +167,63 @@ def test_a_circular_servo_whose_target_is_too_near_comes_back_to_it(rig) -> None
     rows = rig.rows()
     assert rows.places[-1] == pytest.approx([1000.0 * rig.machine.output_doubles[0], 0, 0], abs=1e-6)
     assert np.abs(np.diff(rows.speed)).max() / CYCLE < 200.0 * 1.01
+
+
+# -- the watchdog
+
+
+def watched(rig, action: str) -> None:
+    """A program that moves the tool for 5 s, stopped or paused when register 7 is not written for 0.1 s."""
+    rig.load(
+        START, f'rtde_set_watchdog("input_int_register_7", 10, {action})', f"movel({pose(y=500)}, v=0.1)"
+    )
+
+
+def write(rig) -> None:
+    rig.machine.write_input_int(7, 1, rig.machine.time)
+
+
+@pytest.mark.parametrize(
+    ("action", "ends"),
+    [('"stop"', RuntimeState.STOPPED), ('"pause"', RuntimeState.PAUSED), ('"ignore"', None)],
+)
+def test_a_program_that_nobody_kicks_is_stopped_or_paused(rig, action, ends) -> None:
+    watched(rig, action)
+    for _ in range(10):
+        rig.steps(0.09)
+        assert rig.machine.runtime is RuntimeState.PLAYING
+        write(rig)
+    rig.steps(0.3)
+    assert rig.machine.runtime is (ends or RuntimeState.PLAYING)
+    assert (rig.seen[-1][4] == 0.0) == (ends is not None)
+
+
+def test_a_program_that_was_paused_for_want_of_a_kick_is_played_on(rig) -> None:
+    watched(rig, '"pause"')
+    rig.steps(0.5)
+    assert rig.machine.runtime is RuntimeState.PAUSED
+    assert rig.machine.play_program()
+    while rig.machine.runtime is not RuntimeState.STOPPED:
+        rig.step()
+        write(rig)
+        assert len(rig.seen) * CYCLE < 8.0
+    assert rig.rows().places[-1] - rig.rows().places[0] == pytest.approx([0.0, 500.0, 0.0], abs=1.0)
+
+
+@pytest.mark.parametrize("held_up", [0.06, 0.5])
+def test_a_controller_that_was_held_up_itself_blames_no_client(rig, held_up) -> None:
+    watched(rig, '"stop"')
+    rig.steps(0.05)
+    rig.step(held_up)
+    rig.steps(0.09)
+    assert rig.machine.runtime is RuntimeState.PLAYING
+    rig.steps(0.02)
+    assert rig.machine.runtime is RuntimeState.STOPPED
+
+
+def test_a_watchdog_of_another_action_is_refused(rig) -> None:
+    told = []
+    rig.machine.on_fault = told.append
+    watched(rig, '"halt"')
+    rig.steps(0.01)
+    assert "action must be 'ignore', 'pause' or 'stop', not" in str(told[0])

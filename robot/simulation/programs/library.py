@@ -11,7 +11,7 @@ from robot.simulation.motions.arm_frame import flange_frame
 from robot.simulation.motions.frame import Numbers, compose, frame_at, metres, millimetres, pose_numbers
 from robot.simulation.power import SafetyMode
 from robot.simulation.urscript import MATHEMATICS, Library, Refusal, builtin
-from robot.simulation.urscript.values import Pose, Value, integer, number, numbers, truth, written
+from robot.simulation.urscript.values import Pose, Value, finite, integer, number, numbers, truth, written
 from robot.simulation.versions import cycle_time
 
 from .contact import contact_functions
@@ -230,7 +230,7 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
         machine.set_tool(millimetres(tuple(numbers(pose, 6, "pose"))))
 
     def payload(m: Value, cog: Value, inertia: Value) -> None:
-        mass = number(m, "m")
+        mass = finite(m, "m")
         if mass < 0.0:
             raise Refusal(f"m must be 0 or above, not {mass:g}")
         machine.payload = mass
@@ -248,8 +248,11 @@ def _settings(machine: Machine) -> Iterator[Builtin]:
         start, _, register = str(variable).rpartition("_")
         if start != "input_int_register" or not register.isdigit() or int(register) >= REGISTERS:
             raise Refusal(f"only integer input registers are watched, not {written(variable)}")
-        hertz = number(frequency, "min_frequency")
-        machine.watch(int(register), 1.0 / hertz if hertz > 0.0 and action != "ignore" else 0.0)
+        if action not in ("ignore", "pause", "stop"):
+            raise Refusal(f"action must be 'ignore', 'pause' or 'stop', not {written(action)}")
+        hertz = finite(frequency, "min_frequency")
+        longest = 1.0 / hertz if hertz > 0.0 and action != "ignore" else 0.0
+        machine.watch(int(register), longest, pauses=action == "pause")
 
     yield builtin("set_tcp(pose, *tcp_name)", set_tcp, {"tcp_name": ""})
     defaults = {"cog": None, "inertia": None, "transition_time": 0.0}
