@@ -129,6 +129,8 @@ class Pump:
         """Ask for a flow, mm³/s. The newest one counts; after a stop none does."""
         if self._stopped:
             return
+        if self._wanted and not flow:
+            self._link.hurry()
         self._wanted, self._wanted_since = flow, time.monotonic()
         if abs(flow - self._sent) > self._noticeable or (flow == 0.0) != (self._sent == 0.0):
             self._wake.set()
@@ -137,13 +139,18 @@ class Pump:
         """Stand now, and until the end."""
         if self._stopped:
             return
-        self._stopped = True
-        self._wanted, self._wanted_since = 0.0, time.monotonic()
+        self._halt()
+        self._link.hurry()
         if self._exchange_task is not None:
-            self._link.hurry()
             grace = self._link.timeout if self._link.serial else GRACE
             asyncio.get_running_loop().call_later(grace, self._exchange_task.cancel)
         self._wake.set()
+
+    def _halt(self) -> None:
+        """Write nothing but zeros from now on, the first of them at once."""
+        self._stopped = self._link.halted = True
+        self._told_to_stand = False
+        self._wanted, self._wanted_since = 0.0, time.monotonic()
 
     async def close(self) -> None:
         """Tell the drive to stand until it shows that it has heard, and disconnect.
@@ -246,10 +253,12 @@ class Pump:
 
     async def _try_exchange(self, flow: float) -> PumpReading | None:
         """One exchange, or None where the drive did not answer well."""
+        if flow and self._stopped:
+            return None  # on to the zero
         if self._link.map.told(flow) or self._told_to_stand:  # what first tells it to stand waits for nothing
             await self._link.settle()
             if flow and self._stopped:
-                return None  # on to the zero
+                return None
             flow = self._wanted if flow else 0.0
         began = time.monotonic()
         since = self._wanted_since
@@ -291,7 +300,7 @@ class Pump:
     def _ended(self, task: asyncio.Task[None]) -> None:
         """A task of this class has ended: by itself it never should."""
         if not task.cancelled() and (error := task.exception()) is not None:
-            self._stopped, self._wanted = True, 0.0
+            self._halt()
             if task is self._task:
                 self._exchange_task = asyncio.create_task(self._stand())
             self._complain(f"the exchange with {self._where} has failed: {error!r}")

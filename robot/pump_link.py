@@ -7,7 +7,6 @@ what has changed, as a serial line has no time to spare.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import logging
 import math
 import time
@@ -88,13 +87,14 @@ class PumpLink:
         serial: whether there is a serial line behind the connection.
         timeout: for one request, s.
         wrote: whether the last command had anything to write.
+        halted: set for good when nothing but a stop may be written any more.
     """
 
     def __init__(self, settings: cell.Pump) -> None:
         self.map = pump_map(settings)
         self.serial = self.map.transport == "rtu over tcp"
         self.timeout = SERIAL_TIMEOUT if self.serial else TIMEOUT
-        self.wrote = False
+        self.wrote = self.halted = False
         self._settings = settings
         self._client: AsyncModbusTcpClient | None = None
         self._heartbeat, self._beat_at = 0, 0.0
@@ -138,8 +138,10 @@ class PumpLink:
         self._go_on.clear()
         left = self._expected_until - time.monotonic()
         if self.serial and self._owed and left > 0.0:
-            with contextlib.suppress(TimeoutError):
+            try:
                 await asyncio.wait_for(self._go_on.wait(), left)
+            except TimeoutError:
+                self._owed = 0  # it is lost
 
     def hurry(self) -> None:
         """End the waiting that is under way."""
@@ -170,6 +172,8 @@ class PumpLink:
             await self._write(places[names[0]].address, words)
         else:
             for name in sorted(values, reverse=bool(told)):
+                if told and self.halted:
+                    raise NoGoodAnswerError("a stop came between")
                 await self._write(places[name].address, values[name])
         self._written.update(values)
         return told

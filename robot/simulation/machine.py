@@ -186,10 +186,8 @@ class Machine:
         if self._watchdog and self.runtime is RuntimeState.PLAYING:
             register, longest, pauses = self._watchdog
             if wall - self._written[register] > longest:
-                if pauses:
-                    self.pause_program()
-                else:
-                    self.stop_program(f"no write to input_int_register_{register} for {longest:.3f} s")
+                end = self.pause_program if pauses else self.stop_program
+                end(f"no write to input_int_register_{register} for {longest:.3f} s")
         for poll in self.fieldbus:
             poll()
         if self._program is not None and self.runtime is RuntimeState.PLAYING:
@@ -296,10 +294,12 @@ class Machine:
         if self.on_fault is not None:
             self.on_fault(error)
 
-    def pause_program(self) -> None:
-        """Hold the program where it is; the arm comes to rest."""
+    def pause_program(self, reason: str = "") -> None:
+        """Hold the program where it is; the arm comes to rest. A reason is told on stderr."""
         if self.runtime is not RuntimeState.PLAYING:
             return
+        if reason:
+            print(f"controller: program paused: {reason}", file=sys.stderr, flush=True)
         self.runtime = RuntimeState.PAUSED
         if self.motion is not None:
             self.motion.brake(tool=FAST_STOP)

@@ -322,23 +322,70 @@ def test_a_lost_answer_is_no_loss_of_the_drive(drive, serial_line):
     asyncio.run(lead())
 
 
+async def stand(led, drive):
+    """Stop; from then on the drive stands, as soon as a request can reach it."""
+    began = time.monotonic()
+    led.pump.stop()
+    while drive.report()["state"] == "forward":
+        assert time.monotonic() - began < 0.05
+        await asyncio.sleep(0.001)
+    while time.monotonic() - began < 0.3:
+        assert drive.report()["state"] != "forward"
+        await asyncio.sleep(0.001)
+
+
 @timed
-@pytest.mark.parametrize("runs", [True, False])
+@pytest.mark.parametrize(("before", "lost"), [(FLOW, 0.9 * FLOW), (0.0, 0.9 * FLOW), (FLOW, 0.0)])
 @pytest.mark.parametrize("waited", [0.01, 0.03])
-def test_a_stop_does_not_wait_for_a_late_answer(drive, serial_line, runs, waited):
+def test_a_stop_does_not_wait_for_a_late_answer(drive, serial_line, monkeypatch, before, lost, waited):
+    monkeypatch.setattr("robot.pump_link.SETTLING", 0.4)
+
     async def lead():
         async with Led(drive.cell.pump) as led:
-            await led.flow(FLOW if runs else 0.0, 0.4)
-            led.pump.set(0.9 * FLOW)
+            await led.flow(before, 0.4)
+            led.pump.set(lost)
             await lose(drive)
-            await led.flow(FLOW, led.pump._link.timeout - 0.01 + waited)
-            began = time.monotonic()
-            led.pump.stop()
-            while drive.report()["state"] == "forward":
-                assert time.monotonic() - began < 0.05
-                await asyncio.sleep(0.001)
-            while time.monotonic() - began < 0.3:
-                assert drive.report()["state"] != "forward"
-                await asyncio.sleep(0.001)
+            await led.flow(lost, led.pump._link.timeout - 0.01 + waited)
+            await stand(led, drive)
+
+    asyncio.run(lead())
+
+
+@timed
+@pytest.mark.parametrize("turns", range(5))
+def test_a_stop_overtakes_a_start_that_is_about_to_be_written(drive, serial_line, monkeypatch, turns):
+    """Whichever turn of the event loop it falls into."""
+    if drive.map.name != "m-tec-p20":
+        pytest.skip("writes command and flow at once, and so may be too late to be overtaken")
+    monkeypatch.setattr("robot.pump_link.SETTLING", 0.4)
+
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(0.0, 0.1)
+            await lose(drive)
+            await led.flow(0.0, led.pump._link.timeout)
+            led.pump.set(FLOW)
+            for _ in range(turns):
+                await asyncio.sleep(0.0)
+            await stand(led, drive)
+
+    asyncio.run(lead())
+
+
+@timed
+@pytest.mark.parametrize("after", [0.002, 0.006, 0.01])
+def test_a_stop_comes_between_the_two_writes_of_a_start(drive, serial_line, after):
+    if drive.map.name != "m-tec-p20":
+        pytest.skip("writes command and flow at once")
+
+    async def lead():
+        async with Led(drive.cell.pump) as led:
+            await led.flow(0.0, 0.1)
+            seen = len(led.readings)
+            while len(led.readings) == seen:  # an exchange has just ended
+                await led.flow(0.0, 0.01)
+            led.pump.set(FLOW)
+            await asyncio.sleep(after)
+            await stand(led, drive)
 
     asyncio.run(lead())

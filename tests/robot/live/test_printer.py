@@ -150,6 +150,7 @@ def signal_arm(number):
     os.kill(int(found[0]), number)
 
 
+@timed
 def test_an_arm_process_that_is_held_up_is_the_reason(simulated, cell, one_bead, tmp_path):
     journal = tmp_path / "journal.sqlite"
 
