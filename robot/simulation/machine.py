@@ -159,9 +159,8 @@ class Machine:
         )
         self._program: Program | None = None
         self._loaded: tuple[float, Program] | None = None  # wall time at which it starts
-        self._watchdog: tuple[int, float, bool] | None = (
-            None  # register, longest silence in s of wall time, pause?
-        )
+        # Register, longest silence in s of wall time, whether the program is paused then and not stopped.
+        self._watchdog: tuple[int, float, bool] | None = None
         self._written = [0.0] * 48  # wall time of the last write to each integer input register
         self._last_wall: float | None = None
 

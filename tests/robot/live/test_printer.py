@@ -60,6 +60,12 @@ def when_flowing(journal, act):
     return thread, done
 
 
+def pump_stands(simulated):
+    """Nothing leaves the nozzle any more."""
+    time.sleep(0.4)  # dead time and lags, in process time
+    assert volume_after(simulated, 0.2) < 1.0
+
+
 def volume_after(simulated, seconds):
     """What leaves the nozzle in a wall time, mm³, after what was under way has arrived."""
     before = simulated.inject(Fault.PUMP_REPORT)["volume"]
@@ -137,8 +143,7 @@ def test_a_stop_of_the_robot_stops_the_pump_for_good(simulated, cell, one_bead, 
     if fault is not Fault.RTDE_DROP:  # without the robot's clock there are no more samples
         assert read_samples(journal)["command"][-1] == 0.0
     assert read_events(journal)[-1].kind == "error"
-    time.sleep(0.4)  # dead time and lags, in process time
-    assert volume_after(simulated, 0.2) < 1.0
+    pump_stands(simulated)
 
 
 def signal_arm(number):
@@ -166,8 +171,7 @@ def test_an_arm_process_that_is_held_up_is_the_reason(simulated, cell, one_bead,
         run(one_bead, cell, journal)
     thread.join()
     assert read_samples(journal)["command"][-1] == 0.0
-    time.sleep(0.4)
-    assert volume_after(simulated, 0.2) < 1.0
+    pump_stands(simulated)
 
 
 def test_a_killed_arm_process_stops_the_pump(simulated, cell, one_bead, tmp_path):
@@ -178,8 +182,7 @@ def test_a_killed_arm_process_stops_the_pump(simulated, cell, one_bead, tmp_path
         run(one_bead, cell, journal)
     thread.join()
     assert read_samples(journal)["command"][-1] == 0.0
-    time.sleep(0.4)
-    assert volume_after(simulated, 0.2) < 1.0
+    pump_stands(simulated)
 
 
 def test_a_mute_pump_stops_the_robot(simulated, cell, one_bead, tmp_path):
